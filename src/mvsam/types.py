@@ -1,0 +1,152 @@
+"""The nouns of the package: what a picture, a scene, a model's input and a model's output are.
+
+Conventions that hold everywhere (docs/conventions.md): metres; camera axes x right, y down,
+z forward; the image covers [0, W] x [0, H], so the first pixel's centre is (0.5, 0.5); depth is z
+along the optical axis with 0 = unknown; labels are 0..K-1 with `IGNORE` = 255. View 0 is the
+reference, and the paper's M counts it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
+from torch import Tensor
+
+IGNORE = 255
+"""Label of a pixel that belongs to no class; losses and scores leave it out."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One posed picture; pixels are read when asked for, so listing a scene stays cheap."""
+
+    name: str
+    size: tuple[int, int]
+    """(width, height) of the picture, pixels."""
+    intrinsics: Float[np.ndarray, "3 3"]
+    """Pixels of this picture, corner convention (an OpenCV calibration plus 0.5)."""
+    world_from_cam: Float[np.ndarray, "4 4"]
+    load_image: Callable[[], np.ndarray] = field(repr=False)
+    load_depth: Callable[[], np.ndarray] | None = field(default=None, repr=False)
+    load_labels: Callable[[], np.ndarray] | None = field(default=None, repr=False)
+
+    @property
+    def image(self) -> UInt8[np.ndarray, "height width 3"]:
+        """RGB."""
+        return self.load_image()
+
+    @property
+    def depth(self) -> Float[np.ndarray, "height width"] | None:
+        """Metres along the optical axis, 0 = unknown."""
+        return self.load_depth() if self.load_depth else None
+
+    @property
+    def labels(self) -> UInt8[np.ndarray, "height width"] | None:
+        """0..K-1, `IGNORE` elsewhere."""
+        return self.load_labels() if self.load_labels else None
+
+
+class Scene(Protocol):
+    """Anything that can list frames of one rigid place in one world frame."""
+
+    @property
+    def name(self) -> str: ...
+
+    def __len__(self) -> int: ...
+
+    def frame(self, index: int) -> Frame: ...
+
+    def views(self) -> Sequence[tuple[int, ...]] | None:
+        """View tuples the scene itself prescribes (reference, then sources), or None."""
+        ...
+
+
+class _TensorStruct:
+    """Device moves for dataclasses whose fields are tensors or None."""
+
+    def to(self, *args, **kwargs):
+        """A copy with every tensor moved, as `Tensor.to`."""
+        moved = {
+            f.name: value.to(*args, **kwargs)
+            for f in fields(self)  # pyright: ignore[reportArgumentType]
+            if isinstance(value := getattr(self, f.name), Tensor)
+        }
+        return replace(self, **moved)  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+
+@dataclass(frozen=True)
+class Views(_TensorStruct):
+    """M posed views of one place, a batch of them; what every model is called with."""
+
+    images: Float[Tensor, "batch view 3 height width"]
+    """RGB in [0, 1]; models normalise for themselves."""
+    intrinsics: Float[Tensor, "batch view 3 3"]
+    """Pixels of *these* images, corner convention."""
+    world_from_cam: Float[Tensor, "batch view 4 4"]
+    """The paper's (R_i, t_i)."""
+    depth_range: Float[Tensor, "batch 2"]
+    """(d_min, d_max), metres."""
+    measured_depth: Float[Tensor, "batch height width"] | None = None
+    """Sensor depth of view 0, for RGB-D models only; 0 = unknown."""
+
+    @property
+    def num_views(self) -> int:
+        return self.images.shape[1]
+
+    @property
+    def height(self) -> int:
+        return self.images.shape[-2]
+
+    @property
+    def width(self) -> int:
+        return self.images.shape[-1]
+
+
+@dataclass(frozen=True)
+class Targets(_TensorStruct):
+    """Ground truth of the reference view."""
+
+    depth: Float[Tensor, "batch height width"]
+    """z-depth in metres, 0 = unknown."""
+    labels: Int[Tensor, "batch height width"]
+    """0..K-1, `IGNORE` = no label."""
+
+
+@dataclass(frozen=True)
+class DepthStage(_TensorStruct):
+    """One stage of the cascade: a depth distribution over per-pixel hypotheses."""
+
+    hypotheses: Float[Tensor, "batch plane stage_height stage_width"]
+    """Metres."""
+    probability: Float[Tensor, "batch plane stage_height stage_width"]
+    """Sums to one over the planes."""
+    depth: Float[Tensor, "batch stage_height stage_width"]
+    """Expectation over the planes, metres (Eq. 3)."""
+    confidence: Float[Tensor, "batch stage_height stage_width"]
+    """Probability mass of the four planes around the expectation."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model says about the reference view; a task it does not have is None."""
+
+    depth: Float[Tensor, "batch height width"] | None = None
+    """Metres."""
+    confidence: Float[Tensor, "batch height width"] | None = None
+    """0..1."""
+    logits: Float[Tensor, "batch num_classes height width"] | None = None
+    """Before the softmax."""
+    stages: list[DepthStage] = field(default_factory=list)
+    """Coarse to fine; for the loss and for inspection."""
+
+    @property
+    def labels(self) -> Int[Tensor, "batch height width"] | None:
+        """The most likely class of each pixel."""
+        return None if self.logits is None else torch.argmax(self.logits, dim=1)
+
+
+class InputError(ValueError):
+    """Bad input from a user: one sentence that names the item and says what to do (exit code 2)."""
