@@ -147,6 +147,3 @@ class Prediction:
         """The most likely class of each pixel."""
         return None if self.logits is None else torch.argmax(self.logits, dim=1)
 
-
-class InputError(ValueError):
-    """Bad input from a user: one sentence that names the item and says what to do (exit code 2)."""
