@@ -1,0 +1,202 @@
+"""The posed folder, our own simple format (docs/data.md): photos, poses, intrinsics as files.
+
+Opening a folder reads every small text file and every picture's header, so that bad input is
+refused before work begins; pixels are read when a frame is asked for them.
+"""
+
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from mvsam.data.checks import check_intrinsics, check_pose
+from mvsam.data.files import (
+    Size,
+    check_map,
+    check_photo,
+    load_depth,
+    load_labels,
+    load_matrix,
+    load_photo,
+)
+from mvsam.data.labels import SCANNET20, ClassTable, read_class_table
+from mvsam.errors import InputError
+from mvsam.types import Frame
+
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
+Files = dict[str, Path]
+"""Stem -> file."""
+
+
+class PosedFolder:
+    """A `Scene` of one posed folder.
+
+    Raises `InputError` for a folder that is not whole: see the checks in `files` and `checks`.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        self.name = self.path.resolve().name
+        self.classes = self._read_classes()
+        photos = self._list_photos()
+        poses = _by_stem(self.path / "poses", (".txt",), "pose")
+        _check_pairing(self.path, photos, poses)
+        self._sizes = {name: check_photo(photo) for name, photo in photos.items()}
+        intrinsics = self._read_intrinsics()
+        self._depth = self._list_maps("depth")
+        self._labels = self._list_maps("label")
+        self._frames = [self._make_frame(name, photos, poses, intrinsics) for name in photos]
+        self._views = self._read_views()
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def frame(self, index: int) -> Frame:
+        return self._frames[index]
+
+    def views(self) -> list[tuple[int, ...]] | None:
+        """The tuples of `views.txt` (reference, then sources, best first), or None without it."""
+        return self._views
+
+    @property
+    def has_depth(self) -> bool:
+        return bool(self._depth)
+
+    @property
+    def has_labels(self) -> bool:
+        return bool(self._labels)
+
+    def _list_photos(self) -> Files:
+        photos = _by_stem(self.path / "color", PHOTO_SUFFIXES, "photo")
+        if not photos:
+            raise InputError(
+                f"{self.path / 'color'}: no photos found; put color/NAME.jpg or color/NAME.png there."
+            )
+        return photos
+
+    def _list_maps(self, kind: str) -> Files:
+        """Depth or label PNGs; a photo may lack one, but each must belong to a photo."""
+        folder = self.path / {"depth": "depth", "label": "labels"}[kind]
+        maps = _by_stem(folder, (".png",), f"{kind} map") if folder.exists() else {}
+        for name, file in maps.items():
+            if name not in self._sizes:
+                raise InputError(
+                    f"{file}: no photo color/{name}.jpg or .png belongs to this {kind} map; "
+                    "name it like its photo or remove it."
+                )
+            check_map(file, kind, self._sizes[name])
+        return maps
+
+    def _read_classes(self) -> ClassTable:
+        file = self.path / "classes.json"
+        return read_class_table(file) if file.exists() else SCANNET20
+
+    def _read_intrinsics(self) -> dict[str, Float64[np.ndarray, "3 3"]]:
+        """For each photo, as in the files (integer pixel centres)."""
+        shared, folder = self.path / "intrinsics.txt", self.path / "intrinsics"
+        if folder.is_dir():
+            files = {name: folder / f"{name}.txt" for name in self._sizes}
+        else:
+            _check_one_size(shared, self._sizes)
+            files = dict.fromkeys(self._sizes, shared)
+        matrices = {
+            file: load_matrix(file, 3, 3, "intrinsics matrix") for file in set(files.values())
+        }
+        for name, file in files.items():
+            check_intrinsics(matrices[file], self._sizes[name], str(file))
+        return {name: matrices[file] for name, file in files.items()}
+
+    def _make_frame(self, name: str, photos: Files, poses: Files, intrinsics: dict) -> Frame:
+        world_from_cam = load_matrix(poses[name], 4, 4, "pose")
+        check_pose(world_from_cam, str(poses[name]))
+        # The file counts pixel centres at integers, as OpenCV calibrates; ours lie at halves.
+        half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+        depth, labels = self._depth.get(name), self._labels.get(name)
+        return Frame(
+            name=name,
+            size=self._sizes[name],
+            intrinsics=intrinsics[name] + half_pixel,
+            world_from_cam=world_from_cam,
+            load_image=partial(load_photo, photos[name]),
+            load_depth=partial(load_depth, depth) if depth else None,
+            load_labels=partial(load_labels, labels, len(self.classes)) if labels else None,
+        )
+
+    def _read_views(self) -> list[tuple[int, ...]] | None:
+        file = self.path / "views.txt"
+        return read_view_tuples(file, self._sizes) if file.exists() else None
+
+
+def read_view_tuples(file: Path, names: Iterable[str]) -> list[tuple[int, ...]]:
+    """Tuples of indices into `names` from lines of names; `#` starts a comment."""
+    index_of = {name: index for index, name in enumerate(names)}
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: cannot be read ({error}); write it as plain text.") from error
+    tuples = []
+    for number, line in enumerate(lines, start=1):
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        item = f"{file} line {number}"
+        if unknown := [word for word in words if word not in index_of]:
+            raise InputError(
+                f"{item}: there is no photo named {unknown[0]}; write file names without ending."
+            )
+        if len(words) < 2:
+            raise InputError(f"{item}: a reference needs at least one source behind it; add one.")
+        if len(set(words)) < len(words):
+            raise InputError(f"{item}: a photo occurs twice in one tuple; name each once.")
+        tuples.append(tuple(index_of[word] for word in words))
+    if not tuples:
+        raise InputError(f"{file}: holds no view tuple; add one a line or remove the file.")
+    return tuples
+
+
+def _by_stem(folder: Path, suffixes: tuple[str, ...], kind: str) -> Files:
+    """The folder's files with these suffixes, sorted by stem; two with one stem are an error."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: this folder is missing; it holds one {kind} a frame.")
+    files: Files = {}
+    for file in sorted(folder.iterdir(), key=lambda file: file.stem):
+        if file.suffix.lower() not in suffixes or file.name.startswith("."):
+            continue
+        if file.stem in files:
+            raise InputError(
+                f"{folder}: {files[file.stem].name} and {file.name} have the same name before the "
+                "ending; rename or remove one."
+            )
+        files[file.stem] = file
+    return files
+
+
+def _check_pairing(path: Path, photos: Files, poses: Files) -> None:
+    """Raise unless photos and poses have the same names."""
+    without_pose = sorted(photos.keys() - poses.keys())
+    without_photo = sorted(poses.keys() - photos.keys())
+    if not without_pose and not without_photo:
+        return
+    complaints = [f"no pose for {_some(without_pose)}"] if without_pose else []
+    complaints += [f"no photo for {_some(without_photo)}"] if without_photo else []
+    raise InputError(
+        f"{path}: {len(photos)} photos but {len(poses)} poses, {' and '.join(complaints)}; "
+        "every color/NAME.jpg or .png needs its poses/NAME.txt and nothing else may lie there."
+    )
+
+
+def _some(names: list[str], limit: int = 3) -> str:
+    return ", ".join(names[:limit]) + (f" and {len(names) - limit} more" if names[limit:] else "")
+
+
+def _check_one_size(shared: Path, sizes: dict[str, Size]) -> None:
+    """Raise if one intrinsics file has to serve photos of different sizes."""
+    first_name, first = next(iter(sizes.items()))
+    for name, size in sizes.items():
+        if size != first:
+            raise InputError(
+                f"{shared}: photo {name} is {size[0]}x{size[1]} but {first_name} is "
+                f"{first[0]}x{first[1]}; give each its own intrinsics/NAME.txt."
+            )
