@@ -1,0 +1,1 @@
+"""Cameras, poses and the warp of Eq. 1; nothing here is learned."""

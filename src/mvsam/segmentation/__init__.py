@@ -1,0 +1,1 @@
+"""Sec. 3.3 and Figure 4: prompts, the two-way transformer, and the semantic decoder."""

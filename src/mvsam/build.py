@@ -1,0 +1,204 @@
+"""Name -> model: the paper's sizes on one page; each "Ours" row and ablation is an assembly."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import partial
+
+import torch
+from timm.models.vision_transformer_sam import VisionTransformerSAM
+from torch import nn
+
+from mvsam.encoders.fpn import FeaturePyramid
+from mvsam.encoders.fusion import SemanticPyramid
+from mvsam.encoders.sam import ConvStem, SamEncoder, sam_vit_b
+from mvsam.errors import InputError
+from mvsam.model import MultiViewSAM
+from mvsam.mvs.cascade import DepthCascade
+from mvsam.mvs.regularizer import CostRegularizer
+from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
+from mvsam.segmentation.prompts import DepthPrompt
+from mvsam.segmentation.transformer import TwoWayTransformer
+
+
+def paper_cascade() -> DepthCascade:
+    """48, 32 and 8 hypotheses at 4, 1 and 0.5 of the base interval (Sec. 4.2)."""
+    return DepthCascade([CostRegularizer(channels) for channels in (32, 16, 8)])
+
+
+def paper_decoder(num_classes: int) -> SemanticDecoder:
+    return SemanticDecoder(num_classes, TwoWayTransformer())
+
+
+def base(num_classes: int = 20, tuned_blocks: int = 3) -> MultiViewSAM:
+    """Ours, full (Tables 1, 2, 4, 5): 94,220,588 parameters."""
+    return MultiViewSAM(
+        geometry_encoder=FeaturePyramid(),
+        semantic_encoder=SamEncoder(sam_vit_b(), tuned_blocks=tuned_blocks),
+        bridge=SemanticPyramid(256),
+        cascade=paper_cascade(),
+        prompt=DepthPrompt(),
+        decoder=paper_decoder(num_classes),
+    )
+
+
+def base_no_bridge(num_classes: int = 20, tuned_blocks: int = 3) -> MultiViewSAM:
+    """Table 5, "no SAM -> MVS": depth from geometry alone still prompts the decoder."""
+    return MultiViewSAM(
+        geometry_encoder=FeaturePyramid(),
+        semantic_encoder=SamEncoder(sam_vit_b(), tuned_blocks=tuned_blocks),
+        cascade=paper_cascade(),
+        prompt=DepthPrompt(),
+        decoder=paper_decoder(num_classes),
+    )
+
+
+def mvs_sam(num_classes: int = 20, tuned_blocks: int = 3) -> MultiViewSAM:
+    """Tables 1 and 5, "MVS + SAM features": depth only."""
+    del num_classes
+    return MultiViewSAM(
+        geometry_encoder=FeaturePyramid(),
+        semantic_encoder=SamEncoder(sam_vit_b(), tuned_blocks=tuned_blocks),
+        bridge=SemanticPyramid(256),
+        cascade=paper_cascade(),
+    )
+
+
+def cas_mvsnet(num_classes: int = 20) -> MultiViewSAM:
+    """Tables 1 and 5, CasMVSNet with the paper's hypotheses and training: 934,304 parameters."""
+    del num_classes
+    return MultiViewSAM(geometry_encoder=FeaturePyramid(), cascade=paper_cascade())
+
+
+def sam_semantic(num_classes: int = 20, tuned_blocks: int = 0) -> MultiViewSAM:
+    """Tables 4 and 5, "Semantic SAM": the decoder without depth."""
+    return MultiViewSAM(
+        semantic_encoder=SamEncoder(sam_vit_b(), tuned_blocks=tuned_blocks),
+        decoder=paper_decoder(num_classes),
+    )
+
+
+def sam_semantic_gt_depth(num_classes: int = 20, tuned_blocks: int = 0) -> MultiViewSAM:
+    """Table 4, RGB-D rows: the prompt is the measured depth, `views.measured_depth`."""
+    return MultiViewSAM(
+        semantic_encoder=SamEncoder(sam_vit_b(), tuned_blocks=tuned_blocks),
+        prompt=DepthPrompt(),
+        decoder=paper_decoder(num_classes),
+    )
+
+
+def sam_conv(num_classes: int = 20, tuned_blocks: int = 0) -> MultiViewSAM:
+    """Table 4, "conv decoder": SAM features straight into an upscaling network."""
+    return MultiViewSAM(
+        semantic_encoder=SamEncoder(sam_vit_b(), tuned_blocks=tuned_blocks),
+        decoder=ConvDecoder(num_classes),
+    )
+
+
+TINY_SIDE = 320
+TINY_CHANNELS = 128
+
+
+def tiny_vit() -> VisionTransformerSAM:
+    """A SAM-type ViT for 320 pixels: windows of 10 x 10 tokens, every second block global."""
+    return VisionTransformerSAM(
+        img_size=TINY_SIDE,
+        patch_size=16,
+        embed_dim=192,
+        depth=8,
+        num_heads=3,
+        num_classes=0,
+        use_rel_pos=True,
+        window_size=10,
+        global_attn_indexes=(1, 3, 5, 7),
+        neck_chans=TINY_CHANNELS,
+        norm_layer=partial(nn.LayerNorm, eps=1e-6),
+        embed_layer=ConvStem,
+    )
+
+
+def tiny(num_classes: int = 20, has_bridge: bool = True) -> MultiViewSAM:
+    """The paper's network at a size for two CPU cores; every box of Figure 3 is there.
+
+    Half the planes in the second sweep, at twice the distance, so that its window stays +-41 cm.
+    """
+    return MultiViewSAM(
+        geometry_encoder=FeaturePyramid(),
+        semantic_encoder=SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=None),
+        bridge=SemanticPyramid(TINY_CHANNELS, width=16) if has_bridge else None,
+        cascade=DepthCascade(
+            [CostRegularizer(channels) for channels in (32, 16, 8)],
+            num_planes=(48, 16, 8),
+            interval_ratios=(4.0, 2.0, 0.5),
+        ),
+        prompt=DepthPrompt(TINY_CHANNELS),
+        decoder=SemanticDecoder(
+            num_classes,
+            TwoWayTransformer(TINY_CHANNELS, num_heads=4, mlp_channels=512),
+            TINY_CHANNELS,
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """What a name stands for."""
+
+    name: str
+    build: Callable[..., MultiViewSAM]
+    """Takes `num_classes`; the rows with SAM also `tuned_blocks`."""
+    paper_row: str
+    inputs: str
+    tasks: tuple[str, ...]
+    input_size: tuple[int, int] = (320, 256)
+    """(width, height) the model works at, pixels."""
+
+
+_BOTH, _DEPTH, _SEMANTICS = ("depth", "semantics"), ("depth",), ("semantics",)
+_SPECS = (
+    ModelSpec("base", base, "Tables 1-5: Ours, full", "posed RGB views", _BOTH),
+    ModelSpec("base_no_bridge", base_no_bridge, "Table 5: no SAM->MVS", "posed RGB views", _BOTH),
+    ModelSpec("mvs_sam", mvs_sam, "Tables 1, 5: MVS + SAM features", "posed RGB views", _DEPTH),
+    ModelSpec("cas_mvsnet", cas_mvsnet, "Tables 1, 5: CasMVSNet", "posed RGB views", _DEPTH),
+    ModelSpec(
+        "sam_semantic", sam_semantic, "Tables 4, 5: Semantic SAM", "one RGB view", _SEMANTICS
+    ),
+    ModelSpec(
+        "sam_semantic_gt_depth",
+        sam_semantic_gt_depth,
+        "Table 4: Semantic SAM + GT depth",
+        "one RGB view and measured depth",
+        _SEMANTICS,
+    ),
+    ModelSpec("sam_conv", sam_conv, "Table 4: SAM, conv decoder", "one RGB view", _SEMANTICS),
+    ModelSpec("tiny", tiny, "none: ours, full, for two CPU cores", "posed RGB views", _BOTH),
+    ModelSpec(
+        "tiny_no_bridge",
+        partial(tiny, has_bridge=False),
+        "none: tiny without SAM->MVS",
+        "posed RGB views",
+        _BOTH,
+    ),
+)
+MODELS = {spec.name: spec for spec in _SPECS}
+
+
+def model_spec(name: str) -> ModelSpec:
+    """The entry of that name; InputError lists the names if there is none."""
+    if name in MODELS:
+        return MODELS[name]
+    close = get_close_matches(name, MODELS, n=1)
+    hint = f" Did you mean '{close[0]}'?" if close else ""
+    raise InputError(f"unknown model '{name}'.{hint} Models: {', '.join(MODELS)}.")
+
+
+def build(name: str, num_classes: int = 20, **options) -> MultiViewSAM:
+    """The model of that name with random weights."""
+    return model_spec(name).build(num_classes=num_classes, **options)
+
+
+def count_parameters(name: str) -> int:
+    """Every `nn.Parameter`, frozen or not, at K = 20; nothing is allocated."""
+    with torch.device("meta"):
+        model = build(name)
+    return sum(parameter.numel() for parameter in model.parameters())

@@ -1,0 +1,33 @@
+"""Pinhole cameras in the corner convention: the image covers [0, W] x [0, H]."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def pixel_centres(
+    height: int, width: int, *, device=None, dtype=torch.float32
+) -> Float[Tensor, "height width 3"]:
+    """Homogeneous centres (column + 0.5, row + 0.5, 1) of every pixel."""
+    rows = torch.arange(height, device=device, dtype=dtype) + 0.5
+    columns = torch.arange(width, device=device, dtype=dtype) + 0.5
+    v, u = torch.meshgrid(rows, columns, indexing="ij")
+    return torch.stack([u, v, torch.ones_like(u)], dim=-1)
+
+
+def scale_intrinsics(
+    intrinsics: Float[Tensor, "*batch 3 3"], scale_x: float, scale_y: float
+) -> Float[Tensor, "*batch 3 3"]:
+    """Intrinsics of the image resized by these factors; with corners at 0 no half pixel enters."""
+    factors = intrinsics.new_tensor([scale_x, scale_y, 1.0])
+    return intrinsics * factors[:, None]
+
+
+def backproject(
+    depth: Float[Tensor, "*batch height width"], intrinsics: Float[Tensor, "*batch 3 3"]
+) -> Float[Tensor, "*batch height width 3"]:
+    """Points in the camera's own frame, metres, one per pixel."""
+    height, width = depth.shape[-2:]
+    pixels = pixel_centres(height, width, device=depth.device, dtype=depth.dtype)
+    rays = torch.einsum("...ij,hwj->...hwi", torch.linalg.inv(intrinsics), pixels)
+    return rays * depth[..., None]

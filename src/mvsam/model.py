@@ -1,0 +1,130 @@
+"""Figure 3 in one forward pass: encoders, fusion, cascade, prompt, decoder."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from mvsam.encoders.fpn import FeaturePyramid
+from mvsam.encoders.fusion import SemanticPyramid
+from mvsam.encoders.sam import SamEncoder
+from mvsam.mvs.cascade import DepthCascade, combined_confidence
+from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
+from mvsam.segmentation.prompts import DepthPrompt
+from mvsam.types import Prediction, Views
+
+
+@dataclass(frozen=True)
+class Features:
+    """What the encoders say about each view; independent of which one becomes the reference."""
+
+    pyramid: tuple[Float[Tensor, "batch view _channel _height _width"], ...] = ()
+    """Coarse to fine, semantics already added; empty where the model has no cascade."""
+    semantic: Float[Tensor, "batch view channel h4 w4"] | None = None
+    """SAM features at a quarter of the image; None where the model has no SAM encoder."""
+
+    def select(self, order: list[int]) -> "Features":
+        """The features of these views, in this order."""
+        return Features(
+            tuple(level[:, order] for level in self.pyramid),
+            None if self.semantic is None else self.semantic[:, order],
+        )
+
+    @staticmethod
+    def join(parts: "list[Features]") -> "Features":
+        """Views encoded apart, side by side again."""
+        semantic = [part.semantic for part in parts if part.semantic is not None]
+        return Features(
+            tuple(
+                torch.cat(levels, dim=1) for levels in zip(*(p.pyramid for p in parts), strict=True)
+            ),
+            torch.cat(semantic, dim=1) if semantic else None,
+        )
+
+
+class MultiViewSAM(nn.Module):
+    """The network of "Joint Depth Prediction and Semantic Segmentation with Multi-View SAM".
+
+    It is put together from built parts (`build.py`); a part that an ablation lacks is None.
+    Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
+    """
+
+    def __init__(
+        self,
+        geometry_encoder: FeaturePyramid | None = None,
+        semantic_encoder: SamEncoder | None = None,
+        bridge: SemanticPyramid | None = None,
+        cascade: DepthCascade | None = None,
+        prompt: DepthPrompt | None = None,
+        decoder: SemanticDecoder | ConvDecoder | None = None,
+    ):
+        super().__init__()
+        self.geometry_encoder = geometry_encoder
+        self.semantic_encoder = semantic_encoder
+        self.bridge = bridge
+        self.cascade = cascade
+        self.prompt = prompt
+        self.decoder = decoder
+
+    def forward(self, views: Views) -> Prediction:
+        """Depth, confidence and logits of view 0."""
+        return self.decode(self.encode(views), views)
+
+    def encode(self, views: Views) -> Features:
+        """Steps (1) to (3) for every view: SAM features, geometric pyramid, their sum (Sec. 3.1).
+
+        A model without a cascade looks at view 0 alone when called, but at every view given here.
+        """
+        images = views.images.flatten(0, 1)
+        semantic = self.semantic_encoder(images) if self.semantic_encoder else None
+        pyramid = self.geometry_encoder(images) if self.geometry_encoder else ()
+        if self.bridge is not None and semantic is not None:
+            added = self.bridge(semantic)
+            pyramid = tuple(a + b for a, b in zip(pyramid, added, strict=True))
+
+        def per_view(x: Tensor) -> Tensor:
+            return x.unflatten(0, views.images.shape[:2])
+
+        return Features(
+            tuple(per_view(level) for level in pyramid),
+            None if semantic is None else per_view(semantic),
+        )
+
+    def decode(self, features: Features, views: Views, reference: int = 0) -> Prediction:
+        """Steps (4) to (6) for one view as reference: cascade, prompt, decoder (Sec. 3.2, 3.3).
+
+        Raises ValueError for another reference than 0 where `views` brings a measured depth,
+        which belongs to view 0.
+        """
+        if reference:
+            features, views = _with_reference(features, views, reference)
+        stages = self.cascade(features.pyramid, views) if self.cascade else []
+        depth = stages[-1].depth if stages else None
+        size = (views.height, views.width)
+        confidence = combined_confidence(stages, size) if stages else None
+        logits = self._segment(features, views, depth) if self.decoder else None
+        return Prediction(depth, confidence, logits, stages)
+
+    def _segment(self, features: Features, views: Views, depth: Tensor | None) -> Tensor:
+        assert self.decoder is not None and features.semantic is not None
+        if self.prompt is None:
+            return self.decoder(features.semantic[:, 0], None).float()
+        depth = views.measured_depth if depth is None else depth
+        if depth is None:
+            raise ValueError("this model is prompted with measured depth: set views.measured_depth")
+        prompt = self.prompt(depth, views.depth_range)
+        return self.decoder(features.semantic[:, 0], prompt).float()
+
+
+def _with_reference(features: Features, views: Views, reference: int) -> tuple[Features, Views]:
+    if views.measured_depth is not None:
+        raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
+    order = [reference, *(i for i in range(views.num_views) if i != reference)]
+    reordered = Views(
+        views.images[:, order],
+        views.intrinsics[:, order],
+        views.world_from_cam[:, order],
+        views.depth_range,
+    )
+    return features.select(order), reordered

@@ -1,0 +1,116 @@
+"""The cascade of Sec. 3.2: three plane sweeps, each narrower and finer than the one before."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from mvsam.geometry.camera import scale_intrinsics
+from mvsam.mvs.cost_volume import variance_volume
+from mvsam.mvs.hypotheses import base_interval, plane_depths, resample_depth, window_hypotheses
+from mvsam.mvs.regularizer import CostRegularizer
+from mvsam.types import DepthStage, Views
+
+
+class DepthCascade(nn.Module):
+    """Coarse to fine depth of view 0 from feature pyramids of all views.
+
+    regularizers: one a stage, coarse to fine (not shared).
+    num_planes: hypotheses a stage. interval_ratios: their distance in base intervals (the paper:
+    48, 32, 8 at 4, 1, 0.5). num_bins: base intervals in the depth range.
+    clamp: "shift" keeps refined windows at or beyond d_min; "none" lets them become negative, as
+    CasMVSNet's code does (the paper is silent).
+    """
+
+    def __init__(
+        self,
+        regularizers: Sequence[CostRegularizer],
+        num_planes: Sequence[int] = (48, 32, 8),
+        interval_ratios: Sequence[float] = (4.0, 1.0, 0.5),
+        num_bins: int = 192,
+        clamp: Literal["shift", "none"] = "shift",
+    ):
+        super().__init__()
+        if not len(regularizers) == len(num_planes) == len(interval_ratios):
+            raise ValueError(
+                f"a cascade needs as many regularizers ({len(regularizers)}) as plane counts "
+                f"({len(num_planes)}) and interval ratios ({len(interval_ratios)})"
+            )
+        self.regularizers = nn.ModuleList(regularizers)
+        self.num_planes = tuple(num_planes)
+        self.interval_ratios = tuple(interval_ratios)
+        self.num_bins = num_bins
+        self.clamp = clamp
+
+    def forward(
+        self, pyramid: Sequence[Float[Tensor, "batch view channel _h _w"]], views: Views
+    ) -> list[DepthStage]:
+        """One `DepthStage` for each level of the pyramid, coarse to fine."""
+        stages: list[DepthStage] = []
+        for index, features in enumerate(pyramid):
+            hypotheses = self.hypotheses(index, stages, features.shape[-2:], views)
+            intrinsics = scale_intrinsics(
+                views.intrinsics,
+                features.shape[-1] / views.width,
+                features.shape[-2] / views.height,
+            )
+            volume = variance_volume(
+                features.unbind(1), intrinsics, views.world_from_cam, hypotheses
+            )
+            stages.append(regress(self.regularizers[index](volume), hypotheses))
+        return stages
+
+    def hypotheses(
+        self, index: int, stages: Sequence[DepthStage], size: Sequence[int], views: Views
+    ) -> Float[Tensor, "batch plane height width"]:
+        """Planes over the whole range for stage 0, then windows around the previous depth."""
+        num_planes, (height, width) = self.num_planes[index], size
+        if index == 0:
+            planes = plane_depths(views.depth_range, num_planes)
+            return planes[:, :, None, None].expand(-1, -1, height, width)
+        previous = stages[-1].depth.detach()
+        centre = resample_depth(previous, (views.height, views.width), (height, width))
+        interval = base_interval(views.depth_range, self.num_bins)
+        half_width = interval * (num_planes * self.interval_ratios[index] / 2)
+        nearest = views.depth_range[:, 0] if self.clamp == "shift" else None
+        return window_hypotheses(centre, half_width, num_planes, nearest)
+
+
+def regress(
+    scores: Float[Tensor, "batch plane height width"],
+    hypotheses: Float[Tensor, "batch plane height width"],
+) -> DepthStage:
+    """Softmax over the planes, then the expected depth (Eq. 3) and how peaked the mass is."""
+    probability = torch.softmax(scores.float(), dim=1)
+    depth = (probability * hypotheses).sum(dim=1)
+    with torch.no_grad():
+        confidence = four_plane_mass(probability)
+    return DepthStage(hypotheses, probability, depth, confidence)
+
+
+def four_plane_mass(
+    probability: Float[Tensor, "batch plane height width"],
+) -> Float[Tensor, "batch height width"]:
+    """Probability of the four planes around the expected plane index, 0..1 (CasMVSNet)."""
+    num_planes = probability.shape[1]
+    index = torch.arange(num_planes, device=probability.device, dtype=probability.dtype)
+    expected = torch.einsum("bphw,p->bhw", probability, index)
+    nearest = expected.long().clamp(0, num_planes - 1)
+    cumulative = F.pad(probability.cumsum(dim=1), (0, 0, 0, 0, 1, 0))
+    upper = (nearest + 3).clamp(max=num_planes)[:, None]
+    lower = (nearest - 1).clamp(min=0)[:, None]
+    return (cumulative.gather(1, upper) - cumulative.gather(1, lower))[:, 0].clamp(0, 1)
+
+
+def combined_confidence(
+    stages: Sequence[DepthStage], size: tuple[int, int]
+) -> Float[Tensor, "batch height width"]:
+    """Product over the stages of their four-plane mass, each upsampled to `size`; 0..1."""
+    maps = [
+        F.interpolate(stage.confidence[:, None], size, mode="bilinear", align_corners=False)
+        for stage in stages
+    ]
+    return torch.stack(maps).prod(dim=0)[:, 0]
