@@ -1,0 +1,109 @@
+"""A hand-held camera that looks about in a room, as a person with a scanning phone does."""
+
+import numpy as np
+from jaxtyping import Float
+
+from .dice import Dice
+from .mesh import rotation_about
+from .render import Camera
+from .room import CLUTTER, Room
+
+CLEARANCE = 0.4
+"""No surface comes closer to the camera, metres."""
+
+
+def intrinsics(dice: Dice, width: int, height: int) -> Float[np.ndarray, "3 3"]:
+    """A ScanNet-like colour camera, 640 x 480, squeezed to the wanted size."""
+    focal = 577.9 * dice.uniform(0.9, 1.1)
+    centre_x, centre_y = 320 + dice.uniform(-6, 6), 240 + dice.uniform(-6, 6)
+    squeeze_x, squeeze_y = width / 640, height / 480
+    return np.array(
+        [
+            [focal * squeeze_x, 0, centre_x * squeeze_x],
+            [0, focal * squeeze_y, centre_y * squeeze_y],
+            [0, 0, 1],
+        ]
+    )
+
+
+def look(position: np.ndarray, yaw_deg: float, pitch_deg: float, roll_deg: float) -> np.ndarray:
+    """world_from_cam: yaw about z from the x axis, positive pitch looks up."""
+    forward_x = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], dtype=np.float64)
+    tilt = rotation_about("y", -pitch_deg)
+    turn = rotation_about("z", yaw_deg)
+    pose = np.eye(4)
+    pose[:3, :3] = turn @ tilt @ forward_x @ rotation_about("z", roll_deg)
+    pose[:3, 3] = position
+    return pose
+
+
+def clearance(room: Room, positions: np.ndarray) -> np.ndarray:
+    """Distance from each place to the nearest surface, metres, by 66 rays."""
+    directions = _sphere()
+    origins = np.repeat(positions.astype(np.float32), len(directions), axis=0)
+    rays = np.tile(directions, (len(positions), 1))
+    return room.nearest(origins, rays).reshape(len(positions), -1).min(axis=1)
+
+
+def _sphere(count: int = 66) -> np.ndarray:
+    height = (np.arange(count) + 0.5) / count * 2 - 1
+    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    out = np.sqrt(1 - height**2)
+    return np.column_stack([out * np.cos(turn), out * np.sin(turn), height]).astype(np.float32)
+
+
+def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int) -> list[Camera]:
+    """Poses of neighbouring views: 5-20 cm apart, turning a little, never near a surface."""
+    lens = intrinsics(dice, width, height)
+    best, best_score = None, -np.inf
+    for _ in range(24):
+        poses = _wander(room, dice, num_frames)
+        if poses is None:
+            continue
+        score = _interest(room, lens, poses, width, height) + dice.uniform(0, 0.5)
+        if score > best_score:
+            best, best_score = poses, score
+    if best is None:
+        best = [_standing(room, dice)] * num_frames
+    return [Camera(lens, pose, width, height) for pose in best]
+
+
+def _wander(room: Room, dice: Dice, num_frames: int) -> list[np.ndarray] | None:
+    corners = room.triangles.reshape(-1, 3)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    start = np.array([dice.uniform(low[i], high[i]) for i in range(2)] + [dice.uniform(1.0, 1.75)])
+    yaw, pitch, roll = dice.uniform(0, 360), dice.uniform(-32, 3), dice.uniform(-4, 4)
+    heading = np.radians(yaw + dice.pick([-90, 90, 60, -60, 0, 120, -120]) + dice.uniform(-20, 20))
+    direction = np.array([np.cos(heading), np.sin(heading), dice.uniform(-0.3, 0.3)])
+    direction /= np.linalg.norm(direction)
+    turn = dice.uniform(-4, 4)
+    positions, angles = [start], [(yaw, pitch, roll)]
+    for _ in range(num_frames - 1):
+        positions.append(positions[-1] + direction * dice.uniform(0.05, 0.13))
+        yaw += turn + dice.uniform(-2.5, 2.5)
+        pitch = float(np.clip(pitch + dice.uniform(-2.5, 2.5), -38, 8))
+        roll += dice.uniform(-1, 1)
+        angles.append((yaw, pitch, roll))
+    places = np.array(positions)
+    if (clearance(room, places) < CLEARANCE).any() or not room.contains(places).all():
+        return None
+    return [look(p, *a) for p, a in zip(positions, angles, strict=True)]
+
+
+def _standing(room: Room, dice: Dice) -> np.ndarray:
+    raise AssertionError("no free place for the camera")
+
+
+def _interest(room: Room, lens, poses, width: int, height: int) -> float:
+    """How much there is to see: many classes, at arm's length to a few metres."""
+    camera = Camera(lens, poses[len(poses) // 2], width, height)
+    column, row = np.meshgrid((np.arange(20) + 0.5) / 20, (np.arange(16) + 0.5) / 16)
+    pixels = np.column_stack([column.ravel() * width, row.ravel() * height])
+    hits = room.trace(*camera.rays(pixels))
+    labels = room.labels[hits.triangle]
+    share = np.bincount(labels, minlength=256) / len(labels)
+    furniture = share[2:CLUTTER]
+    seen = np.minimum(furniture / 0.04, 1).sum()
+    near = (hits.distance < 0.6).mean() + max(0.0, (hits.distance > 5).mean() - 0.1)
+    plain = max(0.0, share[0] - 0.5) + max(0.0, share[1] - 0.4) + max(0.0, share[255] - 0.3)
+    return float(0.35 * seen - 3 * near - 2 * plain)

@@ -1,0 +1,246 @@
+"""Triangle soups and the primitive shapes that all furniture is made of.
+
+Metres, z up. A soup carries, for each triangle's corners, the place, the shading normal and the
+texture coordinates (metres on the surface, u along the grain).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class Soup:
+    """Triangles without shared vertices."""
+
+    corners: Float[np.ndarray, "triangle 3 3"]
+    normals: Float[np.ndarray, "triangle 3 3"]
+    uv: Float[np.ndarray, "triangle 3 2"]
+
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Soup":
+        return Soup(self.corners + np.array([x, y, z]), self.normals, self.uv)
+
+    def rotated(self, rotation: Float[np.ndarray, "3 3"]) -> "Soup":
+        return Soup(self.corners @ rotation.T, self.normals @ rotation.T, self.uv)
+
+    def turned(self, angle_deg: float, axis: str = "z") -> "Soup":
+        """Turned about a coordinate axis, counter-clockwise seen from its tip."""
+        return self.rotated(rotation_about(axis, angle_deg))
+
+
+def rotation_about(axis: str, angle_deg: float) -> Float[np.ndarray, "3 3"]:
+    cos, sin = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    rotation = np.eye(3)
+    rotation[first, first] = rotation[second, second] = cos
+    rotation[second, first], rotation[first, second] = sin, -sin
+    return rotation
+
+
+def join(soups: Sequence[Soup]) -> Soup:
+    return Soup(
+        np.concatenate([s.corners for s in soups]),
+        np.concatenate([s.normals for s in soups]),
+        np.concatenate([s.uv for s in soups]),
+    )
+
+
+def box_mapped_uv(corners: np.ndarray, grain_axis: int = 0) -> np.ndarray:
+    """Texture coordinates read off the two axes each triangle faces least.
+
+    u runs along `grain_axis` wherever that axis lies in the surface.
+    """
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = np.abs(faces).argmax(axis=1)
+    pairs = np.array([[1, 2], [0, 2], [0, 1]])[facing]
+    swap = pairs[:, 1] == grain_axis
+    pairs[swap] = pairs[swap][:, ::-1]
+    return np.take_along_axis(corners, np.repeat(pairs[:, None, :], 3, axis=1), axis=2)
+
+
+def flat(corners: np.ndarray, grain_axis: int = 0) -> Soup:
+    """A soup with each triangle's own normal."""
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    faces /= np.maximum(np.linalg.norm(faces, axis=1, keepdims=True), 1e-12)
+    normals = np.repeat(faces[:, None, :], 3, axis=1)
+    return Soup(corners, normals, box_mapped_uv(corners, grain_axis))
+
+
+_CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
+_CUBE_FACES = np.array(
+    [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+)
+
+
+def quads(points: np.ndarray) -> np.ndarray:
+    """Triangle corners of (n, 4, 3) quads."""
+    return np.concatenate([points[:, [0, 1, 2]], points[:, [0, 2, 3]]])
+
+
+def box(low: Sequence[float], high: Sequence[float]) -> Soup:
+    """An axis-aligned box; the grain follows its longest side."""
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    points = low + _CUBE * (high - low)
+    return flat(quads(points[_CUBE_FACES]), int((high - low).argmax()))
+
+
+def tapered(low: Sequence[float], high: Sequence[float], shrink: float, top: bool = True) -> Soup:
+    """A box whose top (or bottom) is shrunk about its centre to `shrink` of its size."""
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    points = low + _CUBE * (high - low)
+    end = _CUBE[:, 2] == (1 if top else 0)
+    centre = (low + high)[:2] / 2
+    points[end, :2] = centre + (points[end, :2] - centre) * shrink
+    return flat(quads(points[_CUBE_FACES]), int((high - low).argmax()))
+
+
+def grid_surface(points: Float[np.ndarray, "row column 3"], uv: np.ndarray | None = None) -> Soup:
+    """A smooth sheet through a grid of points."""
+    down, across = np.gradient(points, axis=0), np.gradient(points, axis=1)
+    normals = np.cross(across, down)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    if uv is None:
+        step_u = np.linalg.norm(np.diff(points, axis=1), axis=2)
+        step_v = np.linalg.norm(np.diff(points, axis=0), axis=2)
+        u = np.pad(np.cumsum(step_u, axis=1), ((0, 0), (1, 0)))
+        v = np.pad(np.cumsum(step_v, axis=0), ((1, 0), (0, 0)))
+        uv = np.stack([u, v], axis=2)
+    return Soup(_cells(points), _cells(normals), _cells(uv))
+
+
+def _cells(grid: np.ndarray) -> np.ndarray:
+    """The two triangles of each cell of a (row, column, channel) grid, as (triangle, 3, channel)."""
+    a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+    first, second = np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)
+    return np.concatenate(
+        [first.reshape(-1, 3, first.shape[-1]), second.reshape(-1, 3, d.shape[2])]
+    )
+
+
+def lathe(profile: Sequence[tuple[float, float]], sides: int = 12, squash: float = 1.0) -> Soup:
+    """A turned shape from (radius, height) pairs, bottom to top; `squash` scales y."""
+    radius, height = np.asarray(profile, dtype=np.float64).T
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    ring = np.stack([np.cos(angle), np.sin(angle) * squash], axis=1)
+    points = np.empty((len(radius), sides + 1, 3))
+    points[..., :2] = radius[:, None, None] * ring
+    points[..., 2] = height[:, None]
+    slope = np.gradient(radius), np.gradient(height)
+    normals = np.empty_like(points)
+    normals[..., :2] = slope[1][:, None, None] * np.stack([ring[:, 0], ring[:, 1] / squash], axis=1)
+    normals[..., 2] = -slope[0][:, None]
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    u = np.broadcast_to(height[:, None], points.shape[:2])
+    v = np.broadcast_to(angle * radius.max(), points.shape[:2])
+    return Soup(_cells(points), _cells(normals), _cells(np.stack([u, v], axis=2)))
+
+
+def cylinder(radius: float, low: float, high: float, sides: int = 10, top: float = 1.0) -> Soup:
+    """An upright closed cylinder about z; the radius at the upper end is `top` times as large."""
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    side_normals = np.stack([np.column_stack([ring, 0 * angle])] * 2)
+    points = np.empty((2, sides + 1, 3))
+    points[0, :, :2], points[1, :, :2] = ring * radius, ring * radius * top
+    points[0, :, 2], points[1, :, 2] = low, high
+    u, v = points[..., 2], np.stack([angle * radius] * 2)
+    side = Soup(_cells(points), _cells(side_normals), _cells(np.stack([u, v], axis=2)))
+    caps = [_fan(points[1], high), _fan(points[0, ::-1], low)]
+    return join([side, flat(np.concatenate(caps))])
+
+
+def _fan(rim: np.ndarray, height: float) -> np.ndarray:
+    centre = np.broadcast_to(np.array([0.0, 0.0, height]), rim[:-1].shape)
+    return np.stack([centre, rim[:-1], rim[1:]], axis=1)
+
+
+def prism(outline: Sequence[tuple[float, float]], low: float, high: float) -> Soup:
+    """A convex (x, y) outline, counter-clockwise, extruded upwards."""
+    points = np.asarray(outline, dtype=np.float64)
+    lower = np.column_stack([points, np.full(len(points), low)])
+    upper = np.column_stack([points, np.full(len(points), high)])
+    following = np.roll(np.arange(len(points)), -1)
+    sides = np.stack([lower, lower[following], upper[following], upper], axis=1)
+    fan = [[0, i, i + 1] for i in range(1, len(points) - 1)]
+    caps = np.concatenate([upper[fan], lower[fan][:, ::-1]])
+    return flat(np.concatenate([quads(sides), caps]))
+
+
+def rounded_outline(width: float, depth: float, radius: float, steps: int = 4) -> list:
+    """A rectangle about the origin with round corners, counter-clockwise."""
+    points = []
+    for quarter, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
+        for step in range(steps + 1):
+            angle = (quarter + step / steps) * np.pi / 2
+            points.append(
+                (
+                    x * (width / 2 - radius) + radius * np.cos(angle),
+                    y * (depth / 2 - radius) + radius * np.sin(angle),
+                )
+            )
+    return points
+
+
+def cushion(
+    low: Sequence[float], high: Sequence[float], softness: float = 0.35, rings: int = 8
+) -> Soup:
+    """A soft box: a superellipsoid that fills the bounds; softness 1 is an ellipsoid."""
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    tilt = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
+    turn = np.linspace(-np.pi, np.pi, 2 * rings + 1)[None, :]
+    # A soft box is flat on most of its faces, so the samples crowd where it bends.
+    tilt = tilt - np.sin(4 * tilt) / 4 * (1 - softness) * 0.8
+    turn = turn - np.sin(4 * turn) / 4 * (1 - softness) * 0.8
+
+    def power(value, exponent):
+        return np.sign(value) * np.abs(value) ** exponent
+
+    def surface(exponent):
+        return np.stack(
+            [
+                power(np.cos(tilt), exponent) * power(np.cos(turn), exponent),
+                power(np.cos(tilt), exponent) * power(np.sin(turn), exponent),
+                power(np.sin(tilt), exponent) + 0 * turn,
+            ],
+            axis=2,
+        )
+
+    half = (high - low) / 2
+    points = (low + high) / 2 + surface(softness) * half
+    normals = surface(2 - softness) / np.maximum(half, 1e-6)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    corners = _cells(points)
+    solid = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    keep = solid > 1e-10
+    return Soup(corners[keep], _cells(normals)[keep], box_mapped_uv(corners[keep]))
+
+
+def tube(path: Sequence[Sequence[float]], radius: float, sides: int = 6) -> Soup:
+    """A round bar along a polyline, as chair frames, rods and taps are."""
+    points = np.asarray(path, dtype=np.float64)
+    along = np.gradient(points, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    helper = np.eye(3)[np.abs(along.mean(axis=0)).argmin()]
+    first = np.cross(along, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(along, first)
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    round_normals = (
+        np.cos(angle)[None, :, None] * first[:, None]
+        + np.sin(angle)[None, :, None] * second[:, None]
+    )
+    ring = points[:, None] + radius * round_normals
+    length = np.pad(np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)), (1, 0))
+    u = np.broadcast_to(length[:, None], ring.shape[:2])
+    v = np.broadcast_to(angle * radius, ring.shape[:2])
+    return Soup(_cells(ring), _cells(round_normals), _cells(np.stack([u, v], axis=2)))
+
+
+def sheet(shape: Callable[[np.ndarray, np.ndarray], np.ndarray], rows: int, columns: int) -> Soup:
+    """A smooth sheet: `shape(s, t)` gives points for s across and t down, both in [0, 1]."""
+    s, t = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
+    return grid_surface(shape(s, t))

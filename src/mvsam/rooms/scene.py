@@ -1,0 +1,118 @@
+"""Scenes of procedural rooms: scene n of a split is the same everywhere and always."""
+
+from collections.abc import Callable
+from functools import cached_property, partial
+
+import numpy as np
+
+from mvsam.errors import InputError
+from mvsam.types import Frame
+
+from .camera_path import camera_path
+from .dice import Dice
+from .furnish import build_room
+from .photo import develop
+from .render import Camera, Rendering, render
+from .room import Room
+
+SPLITS: dict[str, int | None] = {"train": None, "val": 100, "test": 100}
+"""Number of scenes; None is unlimited."""
+_SPLIT_KEYS = {"train": 101, "val": 202, "test": 303}
+
+
+class RoomScene:
+    """One room seen by one short hand-held camera path; a `Scene`.
+
+    Built when first asked for; rendered frames stay in memory as long as the scene does. Frame i is
+    the same whichever frames were rendered before.
+    """
+
+    def __init__(
+        self, split: str, index: int, num_frames: int = 5, width: int = 320, height: int = 256
+    ):
+        _check(split, index)
+        self.split, self.index = split, index
+        self._num_frames, self._width, self._height = num_frames, width, height
+        self._rendered: dict[int, tuple[np.ndarray, Rendering]] = {}
+
+    @property
+    def name(self) -> str:
+        return f"rooms/{self.split}/{self.index:04d}"
+
+    def __len__(self) -> int:
+        return self._num_frames
+
+    @cached_property
+    def room(self) -> Room:
+        return build_room(self._dice(0))
+
+    @cached_property
+    def cameras(self) -> list[Camera]:
+        return camera_path(self.room, self._dice(1), len(self), self._width, self._height)
+
+    def frame(self, index: int) -> Frame:
+        if not 0 <= index < len(self):
+            raise InputError(f"{self.name} has no frame {index}: it has 0 to {len(self) - 1}.")
+        camera = self.cameras[index]
+        return Frame(
+            name=f"{index:04d}",
+            size=(self._width, self._height),
+            intrinsics=camera.intrinsics.copy(),
+            world_from_cam=camera.world_from_cam.copy(),
+            load_image=self._part(index, lambda image, _: image),
+            load_depth=self._part(index, lambda _, rendering: rendering.depth),
+            load_labels=self._part(index, lambda _, rendering: rendering.labels),
+        )
+
+    def views(self) -> list[tuple[int, ...]]:
+        """Each frame as reference, the others best first: 5-20 cm away, looking the same way."""
+        return [(i, *self._ranked_sources(i)) for i in range(len(self))]
+
+    def _ranked_sources(self, reference: int) -> list[int]:
+        others = [i for i in range(len(self)) if i != reference]
+        return sorted(others, key=partial(self._mismatch, reference))
+
+    def _mismatch(self, reference: int, source: int) -> float:
+        """0 for a fine baseline and the same direction; grows with the loss of overlap."""
+        here, there = self.cameras[reference].world_from_cam, self.cameras[source].world_from_cam
+        baseline = float(np.linalg.norm(here[:3, 3] - there[:3, 3]))
+        turn = float(np.arccos(np.clip(here[:3, 2] @ there[:3, 2], -1, 1)))
+        outside = max(0.05 - baseline, 0.0) * 10 + max(baseline - 0.2, 0.0) * 2
+        return outside + 0.2 * abs(baseline - 0.12) + max(turn - 0.1, 0.0)
+
+    def _part(self, index: int, choose: Callable[[np.ndarray, Rendering], np.ndarray]):
+        return lambda: choose(*self._render(index)).copy()
+
+    def _render(self, index: int) -> tuple[np.ndarray, Rendering]:
+        if index not in self._rendered:
+            rendering = render(self.room, self.cameras[index])
+            image = develop(rendering.radiance, self._exposure, self._dice(2, index))
+            self._rendered[index] = image, rendering
+        return self._rendered[index]
+
+    @cached_property
+    def _exposure(self) -> float:
+        """Brings a typical surface to mid-grey, as a camera's light meter does; one for a scene."""
+        camera = self.cameras[len(self) // 2]
+        small = np.diag([32 / camera.width, 24 / camera.height, 1.0]) @ camera.intrinsics
+        radiance = render(self.room, Camera(small, camera.world_from_cam, 32, 24)).radiance
+        typical = float(np.exp(np.log(radiance.mean(axis=2) + 1e-3).mean()))
+        return self._dice(3).uniform(0.28, 0.5) / typical
+
+    def _dice(self, *purpose: int) -> Dice:
+        return Dice(_SPLIT_KEYS[self.split], self.index, *purpose)
+
+
+def scene(
+    split: str, index: int, num_frames: int = 5, width: int = 320, height: int = 256
+) -> RoomScene:
+    return RoomScene(split, index, num_frames, width, height)
+
+
+def _check(split: str, index: int) -> None:
+    if split not in SPLITS:
+        raise InputError(f"rooms have no split '{split}': choose one of {', '.join(SPLITS)}.")
+    count = SPLITS[split]
+    if index < 0 or (count is not None and index >= count):
+        wanted = "0 or more" if count is None else f"0 to {count - 1}"
+        raise InputError(f"rooms:{split} has no scene {index}: the index must be {wanted}.")
