@@ -1,0 +1,81 @@
+"""Data by name: `rooms:val`, a scene folder, or a folder of scene folders."""
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+from mvsam.data import find_format, open_scene
+from mvsam.errors import InputError
+from mvsam.types import Scene
+
+
+def open_data(name: str, format: str | None = None) -> Sequence[Scene]:
+    """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
+
+    The end of a slice is left out, as in Python. A path is a scene, or a folder of scenes, which
+    are sorted by name.
+    """
+    if name.startswith("rooms:"):
+        return _open_rooms(name)
+    path = Path(name)
+    if format is None and path.is_dir() and (folders := scene_folders(path)):
+        return [open_scene(folder) for folder in folders]
+    return [open_scene(path, format)]
+
+
+def scene_folders(path: Path) -> list[Path]:
+    """The folders right below `path` that hold a scene, unless `path` is one itself."""
+    if _is_scene(path):
+        return []
+    return [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _is_scene(folder)]
+
+
+def _is_scene(path: Path) -> bool:
+    try:
+        find_format(path)
+    except InputError:
+        return False
+    return True
+
+
+class RoomScenes(Sequence[Scene]):
+    """Procedural rooms `first` .. `end` - 1 of a split, each built when it is asked for."""
+
+    def __init__(self, split: str, first: int, end: int):
+        self.split, self._indices = split, range(first, end)
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    def __getitem__(self, position):
+        if isinstance(position, slice):
+            return [self[index] for index in range(*position.indices(len(self)))]
+        return _room(self.split, self._indices[position])
+
+
+@lru_cache(maxsize=4)  # tuples of one room are usually read one after the other
+def _room(split: str, index: int) -> Scene:
+    from mvsam import rooms  # needs the extra `rooms`, which reading folders does not
+
+    return rooms.scene(split, index)
+
+
+def _open_rooms(name: str) -> RoomScenes:
+    from mvsam import rooms
+
+    match = re.fullmatch(r"rooms:(\w+)(?::(\d+)-(\d+))?", name)
+    if match is None or match[1] not in rooms.SPLITS:
+        raise InputError(
+            f"{name}: no such data; expected rooms:SPLIT or rooms:SPLIT:FIRST-END with one of "
+            f"the splits {', '.join(rooms.SPLITS)}."
+        )
+    split, count = match[1], rooms.SPLITS[match[1]]
+    if match[2] is None:
+        if count is None:
+            raise InputError(f"{name}: this split has no end; name a part, as {name}:0-100.")
+        return RoomScenes(split, 0, count)
+    first, end = int(match[2]), int(match[3])
+    if not first < end or (count is not None and end > count):
+        raise InputError(f"{name}: the part must lie within 0-{count or 'any number'}.")
+    return RoomScenes(split, first, end)

@@ -1,0 +1,107 @@
+"""Scenes and view tuples become `Views` and `Targets`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset
+
+from mvsam.data.sampling import DepthRange, evenly_spaced, view_tuples
+from mvsam.data.transforms import Size, area_resize, resize_intrinsics, resize_nearest
+from mvsam.types import IGNORE, Frame, Scene, Targets, Views
+
+Sample = tuple[str, Views, Targets]
+"""(scene name, batch of one, batch of one)."""
+
+
+def make_views(
+    frames: Sequence[Frame], size: Size = (320, 256), depth_range: DepthRange = (0.1, 5.0)
+) -> Views:
+    """A batch of one from a reference and its sources, resized to `size` without cropping.
+
+    The reference's depth, where it has one, goes along for models that read sensor depth.
+    """
+    intrinsics = [resize_intrinsics(frame.intrinsics, frame.size, size) for frame in frames]
+    measured = frames[0].depth
+    return Views(
+        images=torch.stack([area_resize(frame.image, size) for frame in frames])[None],
+        intrinsics=torch.from_numpy(np.stack(intrinsics)).float()[None],
+        world_from_cam=torch.from_numpy(np.stack([f.world_from_cam for f in frames])).float()[None],
+        depth_range=torch.tensor([depth_range], dtype=torch.float32),
+        measured_depth=None if measured is None else _depth_tensor(measured, size),
+    )
+
+
+def make_targets(frame: Frame, size: Size = (320, 256)) -> Targets:
+    """Ground truth of a reference at `size`; what the frame lacks is 0 or `IGNORE` everywhere."""
+    width, height = size
+    depth, labels = frame.depth, frame.labels
+    if labels is None:
+        label_tensor = torch.full((1, height, width), IGNORE)
+    else:
+        label_tensor = torch.from_numpy(resize_nearest(labels, size).astype(np.int64))[None]
+    return Targets(
+        depth=torch.zeros(1, height, width) if depth is None else _depth_tensor(depth, size),
+        labels=label_tensor,
+    )
+
+
+def _depth_tensor(depth: np.ndarray, size: Size) -> torch.Tensor:
+    return torch.from_numpy(resize_nearest(depth, size).astype(np.float32))[None]
+
+
+class TupleDataset(Dataset[Sample]):
+    """Every view tuple of some scenes, as batches of one.
+
+    `tuples_per_scene` keeps at most so many of each scene, evenly spaced. `skipped` lists the
+    frames ("scene: name") that no other frame overlaps, for the caller to warn about.
+    """
+
+    def __init__(
+        self,
+        scenes: Sequence[Scene],
+        num_views: int = 3,
+        size: Size = (320, 256),
+        depth_range: DepthRange = (0.1, 5.0),
+        tuples_per_scene: int | None = None,
+    ):
+        self.scenes, self.size, self.depth_range = scenes, size, depth_range
+        self.skipped: list[str] = []
+        self._items: list[tuple[int, tuple[int, ...]]] = []
+        for index, scene in enumerate(scenes):
+            tuples, skipped = view_tuples(scene, num_views, depth_range)
+            self.skipped += [f"{scene.name}: {name}" for name in skipped]
+            self._items += [(index, views) for views in evenly_spaced(tuples, tuples_per_scene)]
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __getitem__(self, index: int) -> Sample:
+        scene_index, views = self._items[index]
+        scene = self.scenes[scene_index]
+        frames = [scene.frame(view) for view in views]
+        return (
+            scene.name,
+            make_views(frames, self.size, self.depth_range),
+            make_targets(frames[0], self.size),
+        )
+
+
+def collate(samples: Sequence[Sample]) -> tuple[list[str], Views, Targets]:
+    """One batch from samples of equal size and number of views, for a `DataLoader`."""
+    names, views, targets = zip(*samples, strict=True)
+    measured = [v.measured_depth for v in views if v.measured_depth is not None]
+    return (
+        list(names),
+        Views(
+            images=torch.cat([v.images for v in views]),
+            intrinsics=torch.cat([v.intrinsics for v in views]),
+            world_from_cam=torch.cat([v.world_from_cam for v in views]),
+            depth_range=torch.cat([v.depth_range for v in views]),
+            measured_depth=torch.cat(measured) if len(measured) == len(views) else None,
+        ),
+        Targets(
+            depth=torch.cat([t.depth for t in targets]),
+            labels=torch.cat([t.labels for t in targets]),
+        ),
+    )

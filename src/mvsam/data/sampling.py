@@ -1,0 +1,121 @@
+"""Which views go together: sources ranked by the overlap of viewing frusta and their baseline.
+
+Everything here is geometry of the cameras alone; no picture is read.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
+from mvsam.errors import InputError
+from mvsam.types import Frame, Scene
+
+DepthRange = tuple[float, float]
+ViewTuple = tuple[int, ...]
+"""Frame indices: the reference, then its sources, best first."""
+
+MINIMUM_BASELINE = 0.03
+"""Metres; closer views show nearly the same picture and are used only if nothing else overlaps."""
+MINIMUM_OVERLAP = 0.1
+"""Fraction of their frusta that two views must share to be matched."""
+
+
+def view_tuples(
+    scene: Scene,
+    num_views: int,
+    depth_range: DepthRange,
+    minimum_baseline: float = MINIMUM_BASELINE,
+) -> tuple[list[ViewTuple], list[str]]:
+    """(the tuples to predict, the names of frames skipped because no other frame overlaps them).
+
+    A scene that prescribes tuples keeps them, cut to `num_views`; otherwise every frame is a
+    reference. Raises `InputError` when no tuple is left.
+    """
+    if num_views < 2:
+        raise InputError(f"{num_views} views do not make a stereo tuple; ask for 2 or more.")
+    if (prescribed := scene.views()) is not None:
+        return [views[:num_views] for views in prescribed], []
+    if len(scene) < 2:
+        raise InputError(
+            f"{scene.name}: depth needs at least two posed photos, found {len(scene)}; add more."
+        )
+    frames = [scene.frame(index) for index in range(len(scene))]
+    tuples, skipped = rank_sources(frames, depth_range, num_views, minimum_baseline)
+    if not tuples:
+        advice = pose_convention_hint(frames, depth_range) or (
+            "check that the poses are camera-to-world and in metres."
+        )
+        raise InputError(
+            f"{scene.name}: no photo overlaps another between {depth_range[0]:g} and "
+            f"{depth_range[1]:g} m; {advice}"
+        )
+    return tuples, skipped
+
+
+def rank_sources(
+    frames: Sequence[Frame],
+    depth_range: DepthRange,
+    num_views: int,
+    minimum_baseline: float = MINIMUM_BASELINE,
+) -> tuple[list[ViewTuple], list[str]]:
+    """(one tuple for each frame that some other overlaps, the names of the frames that have none).
+
+    Sources are ranked by overlap times the preference for useful triangulation angles; those nearer
+    than `minimum_baseline` metres come after all others.
+    """
+    cameras = Cameras.of(frames)
+    shared = frustum_overlap(cameras, depth_range)
+    baselines = np.linalg.norm(cameras.centres[:, None] - cameras.centres[None], axis=-1)
+    usefulness = shared * angle_preference(cameras, depth_range)
+    # Among views that are all too close, the widest baseline is worth most.
+    score = np.where(baselines >= minimum_baseline, usefulness, baselines - minimum_baseline)
+    tuples, skipped = [], []
+    for reference, frame in enumerate(frames):
+        candidates = np.flatnonzero(shared[reference] >= MINIMUM_OVERLAP)
+        order = candidates[np.argsort(-score[reference, candidates], kind="stable")]
+        if len(order):
+            tuples.append((reference, *order[: num_views - 1].tolist()))
+        else:
+            skipped.append(frame.name)
+    return tuples, skipped
+
+
+def pose_convention_hint(
+    frames: Sequence[Frame], depth_range: DepthRange = (0.1, 5.0)
+) -> str | None:
+    """A sentence on the poses' likely convention, if another reading makes the views overlap.
+
+    Only a clear case speaks: views that barely overlap as given (median of each frame's best
+    overlap below 0.25) and overlap well, over twice as much, when read otherwise.
+    """
+    cameras = Cameras.of(frames)
+    poses = cameras.world_from_cam
+    readings = {
+        "world-to-camera; invert them": np.linalg.inv(poses),
+        "in OpenGL axes (y up, z backward); negate their second and third column": poses
+        @ np.diag([1.0, -1.0, -1.0, 1.0]),
+    }
+    as_given = _typical_overlap(cameras, depth_range)
+    overlaps = {
+        reading: _typical_overlap(cameras.with_poses(poses), depth_range)
+        for reading, poses in readings.items()
+    }
+    reading = max(overlaps, key=lambda reading: overlaps[reading])
+    if as_given < 0.25 and overlaps[reading] > max(0.4, 2 * as_given):
+        return (
+            f"the poses look {reading} (typical overlap {overlaps[reading]:.0%} instead of "
+            f"{as_given:.0%})."
+        )
+    return None
+
+
+def _typical_overlap(cameras: Cameras, depth_range: DepthRange) -> float:
+    return float(np.median(frustum_overlap(cameras, depth_range).max(axis=1)))
+
+
+def evenly_spaced(tuples: Sequence[ViewTuple], limit: int | None) -> list[ViewTuple]:
+    """At most `limit` of them, spread evenly from the first to the last."""
+    if limit is None or len(tuples) <= limit:
+        return list(tuples)
+    return [tuples[round(position)] for position in np.linspace(0, len(tuples) - 1, limit)]
