@@ -106,7 +106,7 @@ def write_posed_folder(
 ) -> list[SyntheticView]:
     """Write a valid posed folder and return the truth; tests then break one file at a time.
 
-    `views` also writes a `views.txt` in which every frame is a reference with all others as sources.
+    `views` also writes a `views.txt`: every frame is a reference with all others as sources.
     """
     truth = synthetic_views(num_frames, size, baseline)
     for folder in ("color", "poses", *["depth"] * depth, *["labels"] * labels):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from mvsam.data import find_format, open_scene
+from mvsam.data.formats import find_format, open_scene
 from mvsam.errors import InputError
 from mvsam.types import Scene
 
@@ -13,8 +13,8 @@ from mvsam.types import Scene
 def open_data(name: str, format: str | None = None) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
-    The end of a slice is left out, as in Python. A path is a scene, or a folder of scenes, which
-    are sorted by name.
+    The end of a part is left out, as in Python's slices. A path is a scene, or a folder of scene
+    folders, which come sorted by name.
     """
     if name.startswith("rooms:"):
         return _open_rooms(name)
@@ -26,17 +26,9 @@ def open_data(name: str, format: str | None = None) -> Sequence[Scene]:
 
 def scene_folders(path: Path) -> list[Path]:
     """The folders right below `path` that hold a scene, unless `path` is one itself."""
-    if _is_scene(path):
+    if find_format(path):
         return []
-    return [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _is_scene(folder)]
-
-
-def _is_scene(path: Path) -> bool:
-    try:
-        find_format(path)
-    except InputError:
-        return False
-    return True
+    return [folder for folder in sorted(path.iterdir()) if folder.is_dir() and find_format(folder)]
 
 
 class RoomScenes(Sequence[Scene]):
@@ -76,6 +68,8 @@ def _open_rooms(name: str) -> RoomScenes:
             raise InputError(f"{name}: this split has no end; name a part, as {name}:0-100.")
         return RoomScenes(split, 0, count)
     first, end = int(match[2]), int(match[3])
-    if not first < end or (count is not None and end > count):
-        raise InputError(f"{name}: the part must lie within 0-{count or 'any number'}.")
+    if first >= end:
+        raise InputError(f"{name}: the part is empty; its end must be larger than its first.")
+    if count is not None and end > count:
+        raise InputError(f"{name}: this split has {count} scenes; end at {count} or before.")
     return RoomScenes(split, first, end)

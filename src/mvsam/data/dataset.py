@@ -6,9 +6,12 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from mvsam.data.catalog import open_data
 from mvsam.data.sampling import DepthRange, evenly_spaced, view_tuples
 from mvsam.data.transforms import Size, area_resize, resize_intrinsics, resize_nearest
 from mvsam.types import IGNORE, Frame, Scene, Targets, Views
+
+__all__ = ["Sample", "TupleDataset", "collate", "make_targets", "make_views", "open_data"]
 
 Sample = tuple[str, Views, Targets]
 """(scene name, batch of one, batch of one)."""

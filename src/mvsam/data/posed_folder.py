@@ -72,7 +72,7 @@ class PosedFolder:
         photos = _by_stem(self.path / "color", PHOTO_SUFFIXES, "photo")
         if not photos:
             raise InputError(
-                f"{self.path / 'color'}: no photos found; put color/NAME.jpg or color/NAME.png there."
+                f"{self.path / 'color'}: no photos found; put NAME.jpg or NAME.png there."
             )
         return photos
 
