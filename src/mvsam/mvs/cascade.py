@@ -57,9 +57,7 @@ class DepthCascade(nn.Module):
                 features.shape[-1] / views.width,
                 features.shape[-2] / views.height,
             )
-            volume = variance_volume(
-                features.unbind(1), intrinsics, views.world_from_cam, hypotheses
-            )
+            volume = variance_volume(features, intrinsics, views.world_from_cam, hypotheses)
             stages.append(regress(self.regularizers[index](volume), hypotheses))
         return stages
 
