@@ -1,0 +1,176 @@
+"""Runs a model over samples under a named protocol and reports scores per scene and in total."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import torch
+from rich.table import Table
+from torch import nn
+
+from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics
+from mvsam.evaluation.protocols import Protocol
+from mvsam.types import Prediction, Targets, Views
+
+Model = Callable[[Views], Prediction]
+Sample = tuple[str | Sequence[str], Views, Targets]
+"""(scene name, or one for each batch item; views; ground truth of view 0)."""
+
+
+@dataclass(frozen=True)
+class SceneScores:
+    """What was counted in one scene, or in several added up; a task nobody predicted is None."""
+
+    num_images: int = 0
+    depth: DepthMetrics | None = None
+    labels: ConfusionMatrix | None = None
+
+    def __add__(self, other: "SceneScores") -> "SceneScores":
+        return SceneScores(
+            self.num_images + other.num_images,
+            _merge(self.depth, other.depth),
+            _merge(self.labels, other.labels),
+        )
+
+    def as_json(self) -> dict:
+        """Metres and fractions 0..1; what is absent is None."""
+        depth = (self.depth or DepthMetrics()).scores()
+        pooled = depth.pop("rmse_pooled")
+        labels = self.labels
+        return depth | {
+            "miou": labels.miou() if labels else None,
+            "rmse_pooled": pooled,
+            "accuracy": labels.accuracy() if labels else None,
+            "iou": labels.iou() if labels else None,
+            "num_images": self.num_images,
+        }
+
+
+def _merge(first, second):
+    """The sum of two accumulators, either of which may be None."""
+    return second if first is None else first if second is None else first + second
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The scores of one model under one protocol."""
+
+    protocol: str
+    scenes: dict[str, SceneScores] = field(default_factory=dict)
+
+    @property
+    def total(self) -> SceneScores:
+        """Depth as the mean over all images, mIoU from one confusion matrix over all scenes."""
+        return sum(self.scenes.values(), SceneScores())
+
+    def __add__(self, other: "Scores") -> "Scores":
+        """Joins the shares of several processes."""
+        assert self.protocol == other.protocol
+        scenes = dict(self.scenes)
+        for name, scores in other.scenes.items():
+            scenes[name] = scenes.get(name, SceneScores()) + scores
+        return Scores(self.protocol, scenes)
+
+    def as_json(self) -> dict:
+        """The object of `mvsam eval --json`, `metrics.json` and `results/*.json`."""
+        scenes = {name: scores.as_json() for name, scores in self.scenes.items()}
+        return {"protocol": self.protocol, **self.total.as_json(), "scenes": scenes}
+
+    def as_table(self) -> Table:
+        """For the terminal: one row a scene, the total last."""
+        table = Table(title=f"protocol: {self.protocol}")
+        table.add_column("scene")
+        for title in (
+            "images",
+            "Abs cm",
+            "Rel %",
+            "RMSE cm",
+            "<1.03 %",
+            "<1.05 %",
+            "<1.25 %",
+            "mIoU %",
+        ):
+            table.add_column(title, justify="right")
+        for name, scores in self.scenes.items():
+            table.add_row(name, *_cells(scores))
+        table.add_section()
+        table.add_row("total", *_cells(self.total), style="bold")
+        return table
+
+
+def _cells(scores: SceneScores) -> list[str]:
+    values = scores.as_json()
+    keys = ("abs", "rel", "rmse", "delta_1.03", "delta_1.05", "delta_1.25", "miou")
+    percent = ["-" if values[key] is None else f"{100 * values[key]:.1f}" for key in keys]
+    return [str(scores.num_images), *percent]
+
+
+def evaluate(
+    model: Model,
+    samples: Iterable[Sample],
+    protocol: Protocol,
+    progress: Callable[[int], None] | None = None,
+) -> Scores:
+    """Scores of `model` on `samples`, which must have the protocol's size.
+
+    An `nn.Module` is switched to evaluation meanwhile, and the samples go to its device.
+    `progress` is called with the number of images done so far.
+    """
+    scenes: dict[str, SceneScores] = {}
+    num_done = 0
+    with _inference(model) as device:
+        for names, views, targets in samples:
+            prediction = model(views.to(device))
+            for item, name in enumerate(_names_of_items(names, len(targets.depth))):
+                scores = score_item(prediction, targets.to(device), item, protocol)
+                scenes[name] = scenes.get(name, SceneScores()) + scores
+            num_done += len(targets.depth)
+            if progress:
+                progress(num_done)
+    return Scores(protocol.name, scenes)
+
+
+def _names_of_items(names: str | Sequence[str], batch: int) -> list[str]:
+    return [names] * batch if isinstance(names, str) else list(names)
+
+
+@contextmanager
+def _inference(model: Model) -> Iterator[torch.device]:
+    """No gradients, evaluation mode, and the mode of before afterwards; yields the device."""
+    if not isinstance(model, nn.Module):
+        with torch.inference_mode():
+            yield torch.device("cpu")
+        return
+    parameter = next(model.parameters(), torch.empty(0))
+    was_training = model.training
+    model.eval()
+    try:
+        with torch.inference_mode():
+            yield parameter.device
+    finally:
+        model.train(was_training)
+
+
+def score_item(
+    prediction: Prediction, targets: Targets, item: int, protocol: Protocol
+) -> SceneScores:
+    """The scores of one batch item."""
+    width, height = protocol.size
+    if targets.depth.shape[1:] != (height, width):
+        raise ValueError(
+            f"protocol {protocol.name} wants ground truth of {width}x{height}, "
+            f"got {targets.depth.shape[2]}x{targets.depth.shape[1]}"
+        )
+    depth, labels = prediction.depth, prediction.labels
+    truth = targets.depth[item]
+    return SceneScores(
+        num_images=1,
+        depth=None
+        if depth is None
+        else DepthMetrics.of_image(depth[item].float(), truth, protocol.valid_depth(truth)),
+        labels=None
+        if labels is None or prediction.logits is None
+        else ConfusionMatrix.of_labels(
+            labels[item], targets.labels[item], prediction.logits.shape[1]
+        ),
+    )
