@@ -8,7 +8,7 @@ reference, and the paper's M counts it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -49,6 +49,7 @@ class Frame:
         return self.load_labels() if self.load_labels else None
 
 
+@runtime_checkable
 class Scene(Protocol):
     """Anything that can list frames of one rigid place in one world frame."""
 
@@ -146,4 +147,3 @@ class Prediction:
     def labels(self) -> Int[Tensor, "batch height width"] | None:
         """The most likely class of each pixel."""
         return None if self.logits is None else torch.argmax(self.logits, dim=1)
-
