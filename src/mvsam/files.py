@@ -1,0 +1,78 @@
+"""Whole files only: written under a temporary name, then renamed.
+
+Whoever reads a folder while we write, or after a crash, finds complete files or none.
+"""
+
+import errno
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from mvsam.errors import InputError
+
+PARTIAL = ".part"
+"""Ending of a file that is still being written."""
+
+
+class DiskFullError(RuntimeError):
+    """The disk has no room; what was written before is whole (exit code 1)."""
+
+
+@contextmanager
+def disk_full_as_sentence(path: Path) -> Iterator[None]:
+    """Turns the system's "no space left" into a sentence that names the file and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise DiskFullError(
+            f"the disk is full: no room for {path}; free some space and run the same command again"
+        ) from error
+
+
+def write_whole(path: Path, save: Callable[[BinaryIO], Any]) -> None:
+    """Calls `save(file)` on a temporary neighbour of `path`, then renames it to `path`.
+
+    Nothing is left behind when `save` raises, be it a full disk or Ctrl-C.
+    """
+    partial = path.with_name(f".{path.name}{PARTIAL}")
+    with disk_full_as_sentence(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with partial.open("wb") as file:
+                save(file)
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Indented JSON, written whole."""
+    text = json.dumps(value, indent=2) + "\n"
+    write_whole(path, lambda file: file.write(text.encode()))
+
+
+def remove_partial_files(folder: Path) -> None:
+    """Removes what a killed process left unfinished anywhere below `folder`."""
+    for partial in folder.rglob(f".*{PARTIAL}"):
+        partial.unlink(missing_ok=True)
+
+
+def writable_folder(folder: Path) -> Path:
+    """`folder`, created where missing; `InputError` where nothing can be written into it."""
+    probe = folder / f".writable{PARTIAL}"
+    try:
+        with disk_full_as_sentence(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            probe.touch()
+            probe.unlink()
+    except OSError as error:
+        raise InputError(
+            f"output folder {folder} is not writable ({error.strerror}): "
+            "choose another --out or change its permissions"
+        ) from error
+    return folder

@@ -1,0 +1,94 @@
+"""A few photos in memory in, depth and labels for each of them out."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from torch import nn
+
+from mvsam.data.checks import check_intrinsics, check_pose
+from mvsam.errors import InputError
+from mvsam.inference.outputs import PhotoPrediction
+from mvsam.inference.session import Session
+from mvsam.types import Frame
+
+MOST_VIEWS = 8
+"""Photos that go through a model together at most."""
+
+
+def predict(
+    model: nn.Module,
+    images: Sequence[Any],
+    intrinsics: Sequence[Any],
+    world_from_cam: Sequence[Any],
+    depth_range: tuple[float, float] = (0.1, 5.0),
+    references: Sequence[int] | None = None,
+) -> list[PhotoPrediction]:
+    """Depth, confidence and labels of each reference, at its photo's own size.
+
+    `images` are 2 to 8 photos of one place, H x W x 3 uint8 RGB, of any sizes. `intrinsics` are
+    3x3 as OpenCV calibrates them (centre of the first pixel at (0, 0)), for the photos as given.
+    `world_from_cam` are 4x4 camera-to-world, metres, axes x right, y down, z forward.
+    `depth_range` is (nearest, farthest) in metres. `references` are indices of photos; all by
+    default. Each reference is seen together with all other photos.
+
+    Raises `InputError` that names the photo which is not so.
+    """
+    if not len(images) == len(intrinsics) == len(world_from_cam):
+        raise InputError(
+            f"{len(images)} images, {len(intrinsics)} intrinsics and {len(world_from_cam)} poses "
+            "were given; give one of each per photo."
+        )
+    if not 2 <= len(images) <= MOST_VIEWS:
+        raise InputError(
+            f"{len(images)} photos were given; give 2 to {MOST_VIEWS} that overlap, "
+            "or a whole scene to predict_scene."
+        )
+    check_depth_range(depth_range)
+    photos = zip(images, intrinsics, world_from_cam, strict=True)
+    frames = [_frame(f"photo {index}", *photo) for index, photo in enumerate(photos)]
+    chosen = range(len(frames)) if references is None else references
+    for reference in chosen:
+        if reference not in range(len(frames)):
+            raise InputError(
+                f"reference {reference} is not a photo; they are numbered 0 to {len(frames) - 1}."
+            )
+    session = Session(model, depth_range)
+    return [session.predict(frames, reference) for reference in chosen]
+
+
+def check_depth_range(depth_range: tuple[float, float]) -> None:
+    """Raises `InputError` unless 0 < nearest < farthest."""
+    nearest, farthest = depth_range
+    if not (np.isfinite([nearest, farthest]).all() and 0 < nearest < farthest):
+        raise InputError(
+            f"the depth range {nearest:g} {farthest:g} is not one; "
+            "give the nearest and the farthest depth in metres, as 0.1 5.0."
+        )
+
+
+def _frame(name: str, image: Any, intrinsics: Any, world_from_cam: Any) -> Frame:
+    image = np.asarray(image)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise InputError(
+            f"{name}: the image is {image.dtype} of shape {image.shape}; give H x W x 3 uint8 RGB."
+        )
+    size = (image.shape[1], image.shape[0])
+    intrinsics = _matrix(intrinsics, 3, f"{name}: the intrinsics")
+    check_intrinsics(intrinsics, size, name)
+    pose = _matrix(world_from_cam, 4, f"{name}: the pose")
+    check_pose(pose, name)
+    # OpenCV counts pixel centres at integers; ours lie at halves.
+    half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    return Frame(name, size, intrinsics + half_pixel, pose, load_image=partial(np.copy, image))
+
+
+def _matrix(values: Any, side: int, item: str) -> np.ndarray:
+    try:
+        matrix = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{item} are not numbers ({error}); give {side} x {side}.") from error
+    if matrix.shape != (side, side):
+        raise InputError(f"{item} has shape {matrix.shape}; give {side} x {side}.")
+    return matrix

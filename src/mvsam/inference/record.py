@@ -1,0 +1,103 @@
+"""`run.json`: what made the files of an output folder, and what it cost."""
+
+import hashlib
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from mvsam.errors import InputError
+
+IDENTITY = ("scene", "model", "weights_sha256", "num_views", "depth_range")
+"""Keys in which two runs must agree to share a folder."""
+
+
+def describe_run(
+    model: nn.Module,
+    scene_name: str,
+    num_views: int,
+    depth_range: tuple[float, float],
+    arguments: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """The part of `run.json` that is known before the work begins."""
+    return {
+        "scene": scene_name,
+        "model": getattr(model, "name", type(model).__name__),
+        "weights_sha256": weights_hash(model),
+        "num_views": num_views,
+        "depth_range": list(depth_range),
+        "arguments": arguments or {},
+        "versions": versions(),
+        "device": device_name(model),
+    }
+
+
+def is_same_run(now: dict[str, Any], before: dict[str, Any]) -> bool:
+    """Whether two runs may share a folder."""
+    return all(before.get(key) == now[key] for key in IDENTITY)
+
+
+def check_same_run(now: dict[str, Any], before: dict[str, Any], folder: Path) -> None:
+    """Raises `InputError` where a folder holds predictions of another model, scene or setting."""
+    for key in IDENTITY:
+        if before.get(key) != now[key]:
+            raise InputError(
+                f"{folder} holds predictions with {key} {before.get(key)}, not {now[key]}: "
+                "choose another --out, or add --overwrite to replace them."
+            )
+
+
+def describe_cost(seconds: dict[str, float], photos: int) -> dict[str, Any]:
+    """The part of `run.json` that is known afterwards."""
+    return {
+        "photos_predicted": photos,
+        "seconds": {stage: round(value, 3) for stage, value in seconds.items()},
+        "peak_memory_mb": peak_memory_mb(),
+    }
+
+
+def weights_hash(model: nn.Module) -> str:
+    """SHA-256 over names and values of all parameters and buffers."""
+    digest = hashlib.sha256()
+    for name, value in sorted(model.state_dict().items()):
+        digest.update(name.encode())
+        # As bytes, because NumPy has no bfloat16.
+        digest.update(value.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
+    return digest.hexdigest()
+
+
+def versions() -> dict[str, str]:
+    try:
+        own = version("mvsam")
+    except PackageNotFoundError:
+        own = "not installed"
+    return {
+        "mvsam": own,
+        "torch": torch.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def device_name(model: nn.Module) -> str:
+    """The GPU's name, or the processor's architecture."""
+    device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
+    if device.type == "cuda":
+        return torch.cuda.get_device_name(device)
+    return f"cpu ({platform.machine()}, {torch.get_num_threads()} threads)"
+
+
+def peak_memory_mb() -> dict[str, float]:
+    """Most memory this process had so far: "ram", and "gpu" where one was used."""
+    import resource  # not on every system, and needed nowhere else
+
+    # Linux counts in KiB, macOS in bytes.
+    unit = 2**20 if platform.system() == "Darwin" else 2**10
+    peak = {"ram": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6, 1)}
+    if torch.cuda.is_available():
+        peak["gpu"] = round(torch.cuda.max_memory_allocated() / 1e6, 1)
+    return peak

@@ -1,0 +1,183 @@
+"""A scene in, a folder of maps out: every photo in turn is the reference."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.sampling import ViewTuple, view_tuples
+from mvsam.errors import InputError
+from mvsam.evaluation.evaluate import Scores
+from mvsam.files import write_json
+from mvsam.inference.outputs import OutputFolder
+from mvsam.inference.photos import MOST_VIEWS, check_depth_range
+from mvsam.inference.record import check_same_run, describe_cost, describe_run, is_same_run
+from mvsam.inference.scoring import score_folder
+from mvsam.inference.session import Session
+from mvsam.types import Frame, Scene
+
+log = logging.getLogger("mvsam")
+
+
+@dataclass(frozen=True)
+class SceneResult:
+    """What `predict_scene` did, by the names of the photos."""
+
+    written: list[str]
+    kept: list[str]
+    """Were done by an earlier run."""
+    skipped: list[str]
+    """No other photo overlaps these."""
+    scores: Scores | None
+    """Those of `metrics.json`; None where the scene has no ground truth."""
+
+
+def predict_scene(
+    model: nn.Module,
+    scene: Scene,
+    out: str | Path,
+    num_views: int = 3,
+    depth_range: tuple[float, float] = (0.1, 5.0),
+    references: Sequence[str] | None = None,
+    overwrite: bool = False,
+    save_npz: bool = False,
+    arguments: dict[str, Any] | None = None,
+    on_photo: Callable[[int, int, str], None] = lambda done, total, name: None,
+) -> SceneResult:
+    """Writes depth, confidence and labels of a scene's photos into the folder `out`.
+
+    Each reference is seen together with its `num_views` - 1 best sources; `references` are names
+    of photos, all by default. Photos that are done are kept unless `overwrite`. `save_npz` adds
+    float32 depth. `arguments` are recorded in `run.json` as they are. `on_photo(done, total,
+    name)` is called after each photo.
+
+    What exists in `out` is whole at any time; after an interruption the next call goes on.
+    Raises `InputError` for bad input and `DiskFullError`.
+    """
+    check_depth_range(depth_range)
+    if num_views > MOST_VIEWS:
+        raise InputError(
+            f"{num_views} views are too many for one prediction: at most {MOST_VIEWS}."
+        )
+    frames = [scene.frame(index) for index in range(len(scene))]
+    tuples, skipped = _chosen_tuples(scene, frames, num_views, depth_range, references)
+    for name in skipped:
+        log.warning("%s: no other photo overlaps it; it is skipped.", name)
+    folder = OutputFolder(Path(out))
+    run = describe_run(model, scene.name, num_views, depth_range, arguments)
+    chosen = [frames[views[0]] for views in tuples]
+    _prepare(folder, run, chosen, overwrite, save_npz)
+    work = _Work(Session(model, depth_range), frames, folder, run, save_npz)
+    try:
+        work.predict_all(tuples, on_photo)
+    finally:
+        # Also after Ctrl-C: the index then lists the photos that are done.
+        if folder.kinds:
+            folder.write_index(frames, work.classes)
+    same_classes = getattr(scene, "classes", work.classes).names == work.classes.names
+    num_classes = len(work.classes) if same_classes else None
+    scores = score_folder(folder, scene.name, chosen, num_classes)
+    return SceneResult(work.written, work.kept, skipped, scores)
+
+
+class _Work:
+    """The loop over the references."""
+
+    def __init__(
+        self,
+        session: Session,
+        frames: list[Frame],
+        folder: OutputFolder,
+        run: dict[str, Any],
+        save_npz: bool,
+    ):
+        self.session, self.frames, self.folder = session, frames, folder
+        self.run, self.save_npz = run, save_npz
+        self.classes: ClassTable = getattr(session.model, "classes", SCANNET20)
+        self.written: list[str] = []
+        self.kept: list[str] = []
+
+    def predict_all(
+        self, tuples: Sequence[ViewTuple], on_photo: Callable[[int, int, str], None]
+    ) -> None:
+        for count, views in enumerate(tuples, start=1):
+            name = self.frames[views[0]].name
+            if self.folder.is_done(name):
+                self.kept.append(name)
+            else:
+                self._predict_one(views)
+                self.written.append(name)
+            on_photo(count, len(tuples), name)
+        if self.written:
+            self._write_run(describe_cost(self.session.stopwatch.seconds, len(self.written)))
+
+    def _predict_one(self, views: ViewTuple) -> None:
+        frame = self.frames[views[0]]
+        prediction = self.session.predict([self.frames[view] for view in views])
+        if not self.folder.kinds:
+            self.folder.kinds = prediction.kinds(self.save_npz)
+        if not self.written:
+            # Before the first map, so that a later run knows whose maps these are.
+            self._write_run({})
+        with self.session.stopwatch("write"):
+            self.folder.write_photo(frame.name, frame.image, prediction, self.classes)
+
+    def _write_run(self, cost: dict[str, Any]) -> None:
+        write_json(self.folder.path / "run.json", self.run | {"kinds": self.folder.kinds} | cost)
+
+
+def _chosen_tuples(
+    scene: Scene,
+    frames: list[Frame],
+    num_views: int,
+    depth_range: tuple[float, float],
+    references: Sequence[str] | None,
+) -> tuple[list[ViewTuple], list[str]]:
+    """(tuples of the references asked for, names of those that no other photo overlaps)."""
+    tuples, skipped = view_tuples(scene, num_views, depth_range)
+    if references is None:
+        return tuples, skipped
+    names = [frame.name for frame in frames]
+    for name in references:
+        if name not in names:
+            close = get_close_matches(name, names, n=1)
+            hint = f" Did you mean {close[0]}?" if close else ""
+            raise InputError(f"{scene.name} has no photo named {name}.{hint}")
+    chosen = [views for views in tuples if names[views[0]] in references]
+    if not chosen:
+        raise InputError(
+            f"{scene.name}: none of the references {', '.join(references)} has a source that "
+            "overlaps it; choose others."
+        )
+    return chosen, [name for name in skipped if name in references]
+
+
+def _prepare(
+    folder: OutputFolder,
+    run: dict[str, Any],
+    references: Sequence[Frame],
+    overwrite: bool,
+    save_npz: bool,
+) -> None:
+    """Finds out what is done; with `overwrite` removes what is to be made anew.
+
+    Maps of another model go altogether then, not only those of the references, so that a folder
+    never mixes two.
+    """
+    before = folder.read_run()
+    if before is None:
+        folder.check_unused()
+        return
+    if not overwrite:
+        check_same_run(run, before, folder.path)
+    elif is_same_run(run, before):
+        folder.remove([frame.name for frame in references])
+    else:
+        folder.remove_all()
+    if save_npz and "depth" in folder.kinds and "depth_float" not in folder.kinds:
+        folder.kinds = [*folder.kinds, "depth_float"]

@@ -1,0 +1,154 @@
+"""A model at work on the photos of one scene: each photo is read and encoded once."""
+
+import time
+from collections import OrderedDict, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from mvsam.data.dataset import make_views
+from mvsam.inference.outputs import PhotoPrediction
+from mvsam.inference.upsampling import depth_at_size, labels_at_size, smooth_at_size
+from mvsam.types import Frame, Prediction, Views
+
+DEFAULT_SIZE = (320, 256)
+"""(width, height) of the paper's network, for models that do not say theirs."""
+
+REMEMBERED_PHOTOS = 24
+"""Encoded photos kept at once; those of `base` take about 15 MB each."""
+
+
+class Stopwatch:
+    """Seconds spent in each named stage."""
+
+    def __init__(self):
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        if torch.cuda.is_available():
+            torch.cuda.synchronize()
+        self.seconds[stage] += time.perf_counter() - start
+
+
+@dataclass(frozen=True)
+class EncodedPhoto:
+    """One photo at the network's size, and what the encoders say about it."""
+
+    views: Views
+    """A batch of one with one view."""
+    features: Any
+    """What `model.encode` returns; None for a model that is only called as a whole."""
+
+
+class Session:
+    """Runs a model on tuples of frames, remembering the photos it saw last.
+
+    A model with `encode` and `decode` encodes each photo once; any other is called as a whole.
+    Frames are told apart by name.
+    """
+
+    def __init__(
+        self,
+        model: nn.Module,
+        depth_range: tuple[float, float],
+        remembered_photos: int = REMEMBERED_PHOTOS,
+    ):
+        self.model = model
+        self.depth_range = depth_range
+        self.size: tuple[int, int] = getattr(model, "input_size", DEFAULT_SIZE)
+        self.device = next((p.device for p in model.parameters()), torch.device("cpu"))
+        self.can_encode = hasattr(model, "encode") and hasattr(model, "decode")
+        self.stopwatch = Stopwatch()
+        self._encoded: OrderedDict[str, EncodedPhoto] = OrderedDict()
+        self._remembered_photos = remembered_photos
+        self._origin: np.ndarray | None = None
+
+    def predict(self, frames: Sequence[Frame], reference: int = 0) -> PhotoPrediction:
+        """Depth, confidence and labels of `frames[reference]`, at its photo's size."""
+        with torch.inference_mode(), _evaluating(self.model):
+            photos = [self._encode(frame) for frame in frames]
+            with self.stopwatch("decode"):
+                # The reference comes first: a measured depth belongs to view 0.
+                prediction = self._decode([photos.pop(reference), *photos])
+            with self.stopwatch("resize"):
+                return _at_photo_size(prediction, frames[reference].size)
+
+    def _encode(self, frame: Frame) -> EncodedPhoto:
+        if frame.name in self._encoded:
+            self._encoded.move_to_end(frame.name)
+            return self._encoded[frame.name]
+        with self.stopwatch("read"):
+            views = make_views([self._near_origin(frame)], self.size, self.depth_range)
+            views = views.to(self.device)
+        with self.stopwatch("encode"):
+            features = _method(self.model, "encode")(views) if self.can_encode else None
+        while len(self._encoded) >= self._remembered_photos:
+            self._encoded.popitem(last=False)
+        self._encoded[frame.name] = EncodedPhoto(views, features)
+        return self._encoded[frame.name]
+
+    def _decode(self, photos: list[EncodedPhoto]) -> Prediction:
+        """The model's word on the first photo."""
+        views = _side_by_side([photo.views for photo in photos])
+        if not self.can_encode:
+            return self.model(views)
+        parts = [photo.features for photo in photos]
+        return _method(self.model, "decode")(type(parts[0]).join(parts), views, reference=0)
+
+    def _near_origin(self, frame: Frame) -> Frame:
+        """The frame in a world that starts at the session's first camera.
+
+        Georeferenced poses have coordinates of 1e6 m, of which float32 keeps a quarter of a metre.
+        """
+        if self._origin is None:
+            self._origin = frame.world_from_cam[:3, 3].copy()
+        world_from_cam = frame.world_from_cam.astype(np.float64)
+        world_from_cam[:3, 3] -= self._origin
+        return replace(frame, world_from_cam=world_from_cam)
+
+
+def _side_by_side(parts: Sequence[Views]) -> Views:
+    """Views of one place joined; the measured depth is the first one's."""
+    return replace(
+        parts[0],
+        images=torch.cat([part.images for part in parts], dim=1),
+        intrinsics=torch.cat([part.intrinsics for part in parts], dim=1),
+        world_from_cam=torch.cat([part.world_from_cam for part in parts], dim=1),
+    )
+
+
+def _at_photo_size(prediction: Prediction, size: tuple[int, int]) -> PhotoPrediction:
+    depth, confidence, logits = prediction.depth, prediction.confidence, prediction.logits
+    return PhotoPrediction(
+        depth=None if depth is None else depth_at_size(depth[0].float(), size).cpu().numpy(),
+        confidence=None
+        if confidence is None
+        else smooth_at_size(confidence[0].float(), size).clamp(0, 1).cpu().numpy(),
+        labels=None if logits is None else labels_at_size(logits[0].float(), size).cpu().numpy(),
+    )
+
+
+def _method(model: nn.Module, name: str) -> Callable[..., Any]:
+    """nn.Module's type says that every attribute may be a tensor; these are not."""
+    method = getattr(model, name)
+    assert callable(method)
+    return method
+
+
+@contextmanager
+def _evaluating(model: nn.Module) -> Iterator[None]:
+    """Evaluation mode inside, the mode it had before outside."""
+    was_training = model.training
+    model.eval()
+    try:
+        yield
+    finally:
+        model.train(was_training)

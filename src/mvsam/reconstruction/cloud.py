@@ -1,0 +1,184 @@
+"""Labelled point clouds: the trusted depths of many photos, merged per voxel."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from mvsam.errors import InputError
+from mvsam.reconstruction.filtering import back_project, neighbours, trusted
+from mvsam.reconstruction.folder import DepthView
+from mvsam.types import IGNORE
+
+KEY_BITS = 18
+"""Bits of one voxel coordinate inside a 64-bit key, beside 8 bits of label."""
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Coloured, labelled points in the scene's world frame, metres."""
+
+    points: Float[np.ndarray, "point 3"]
+    colors: UInt8[np.ndarray, "point 3"]
+    labels: UInt8[np.ndarray, "point"]
+    """0..K-1, `IGNORE` = none."""
+    confidence: Float[np.ndarray, "point"]
+    """0..1."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """What is kept of the depth maps, and how finely."""
+
+    voxel_size: float = 0.02
+    """Edge of the voxels that points are merged into, metres."""
+    minimum_confidence: float = 0.2
+    """Depths the network is less sure of are left out, 0..1."""
+    minimum_consistent_views: int = 1
+    """So many other photos must agree with a depth."""
+    relative_tolerance: float = 0.03
+    """Depths agree when they differ by at most this fraction."""
+    neighbours: int = 6
+    """How many overlapping photos each photo is compared with."""
+
+
+class VoxelGrid:
+    """Sums of points per (voxel, label), so that means and majorities are exact at the end."""
+
+    COMPACT_ABOVE = 4_000_000
+    """Rows that may wait before they are merged."""
+
+    def __init__(self, voxel_size: float):
+        if not voxel_size > 0:
+            raise InputError(f"the voxel size must be positive, not {voxel_size} m")
+        self.voxel_size = voxel_size
+        self._keys: list[np.ndarray] = []
+        self._sums: list[np.ndarray] = []
+        self._waiting = 0
+
+    def add(self, cloud: PointCloud) -> None:
+        """Adds points; several additions count as one of all their points."""
+        columns = [
+            np.ones(len(cloud)),
+            *cloud.points.astype(np.float64).T,
+            *cloud.colors.astype(np.float64).T,
+            cloud.confidence,
+        ]
+        self._append(*_sum_by_key(self._key(cloud), np.stack(columns, axis=1)))
+        if self._waiting > self.COMPACT_ABOVE:
+            self._compact()
+
+    def cloud(self) -> PointCloud:
+        """One point per voxel: mean position, colour and confidence, majority label.
+
+        A label wins against `IGNORE` whenever any point carries one.
+        """
+        self._compact()
+        keys, sums = self._keys[0], self._sums[0]
+        voxels, labels = keys >> 8, (keys & 0xFF).astype(np.uint8)
+        votes = np.where(labels == IGNORE, 0, sums[:, 0])
+        # Rows of one voxel are neighbours; the last after sorting by votes is the majority.
+        order = np.lexsort((votes, voxels))
+        is_last = np.append(np.diff(voxels[order]) != 0, True) if len(order) else order.astype(bool)
+        _, totals = _sum_by_key(voxels, sums)
+        means = totals / totals[:, :1]
+        return PointCloud(
+            points=means[:, 1:4].astype(np.float32),
+            colors=np.round(means[:, 4:7]).astype(np.uint8),
+            labels=labels[order][is_last],
+            confidence=means[:, 7].astype(np.float32),
+        )
+
+    def _key(self, cloud: PointCloud) -> Int[np.ndarray, "point"]:
+        half = 1 << (KEY_BITS - 1)
+        cells = np.floor(cloud.points.astype(np.float64) / self.voxel_size)
+        if np.any(np.abs(cells) >= half):
+            raise InputError(
+                f"points lie further than {half * self.voxel_size:.0f} m from the origin, "
+                f"too far for voxels of {self.voxel_size} m: choose larger voxels"
+            )
+        x, y, z = (cells.astype(np.int64) + half).T
+        voxel = (x << (2 * KEY_BITS)) | (y << KEY_BITS) | z
+        return (voxel << 8) | cloud.labels
+
+    def _append(self, keys: np.ndarray, sums: np.ndarray) -> None:
+        self._keys.append(keys)
+        self._sums.append(sums)
+        self._waiting += len(keys)
+
+    def _compact(self) -> None:
+        keys = np.concatenate([np.empty(0, np.int64), *self._keys])
+        sums = np.concatenate([np.empty((0, 8)), *self._sums])
+        self._keys, self._sums, self._waiting = [], [], 0
+        self._append(*_sum_by_key(keys, sums))
+        self._waiting = 0
+
+
+def _sum_by_key(
+    keys: Int[np.ndarray, "row"], rows: Float[np.ndarray, "row column"]
+) -> tuple[Int[np.ndarray, "group"], Float[np.ndarray, "group column"]]:
+    """Sorted different keys and the sum of each one's rows."""
+    different, group = np.unique(keys, return_inverse=True)
+    sums = [np.bincount(group, column, minlength=len(different)) for column in rows.T]
+    return different, np.stack(sums, axis=1).astype(np.float64)  # bincount of nothing is int
+
+
+def build_cloud(
+    views: Sequence[DepthView],
+    settings: CloudSettings,
+    on_photo: Callable[[], None] = lambda: None,
+) -> PointCloud:
+    """The labelled cloud of all depths that pass the filters; `on_photo` is called after each.
+
+    Raises `InputError` when no depth survives.
+    """
+    # Each depth is read as a reference and again as a neighbour: keep the recent ones.
+    read_depth = lru_cache(maxsize=4 * settings.neighbours)(lambda index: views[index].depth())
+    samples = [_few_points(view, read_depth(index)) for index, view in enumerate(views)]
+    grid = VoxelGrid(settings.voxel_size)
+    for index, view in enumerate(views):
+        near = neighbours(views, samples, index, settings.neighbours)
+        others = [(views[other], read_depth(other)) for other in near]
+        grid.add(_trusted_points(view, read_depth(index), others, settings))
+        on_photo()
+    cloud = grid.cloud()
+    if not len(cloud):
+        raise InputError(
+            "no depth passed the filters: lower --minimum-confidence or --minimum-consistent-views"
+        )
+    return cloud
+
+
+def _few_points(view: DepthView, depth: np.ndarray) -> np.ndarray:
+    """About 300 world points of a photo, enough to tell who else sees them."""
+    step = max(int(np.sqrt(depth.size / 300)), 1)
+    return back_project(view, depth)[::step, ::step][depth[::step, ::step] > 0]
+
+
+def _trusted_points(
+    view: DepthView,
+    depth: np.ndarray,
+    others: Sequence[tuple[DepthView, np.ndarray]],
+    settings: CloudSettings,
+) -> PointCloud:
+    confidence = view.confidence()
+    keep = trusted(
+        view,
+        depth,
+        confidence,
+        others,
+        settings.minimum_confidence,
+        settings.minimum_consistent_views,
+        settings.relative_tolerance,
+    )
+    return PointCloud(
+        points=back_project(view, depth)[keep],
+        colors=view.photo()[keep],
+        labels=view.labels()[keep],
+        confidence=confidence[keep],
+    )

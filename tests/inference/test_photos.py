@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+
+from mvsam.errors import InputError
+from mvsam.inference.photos import predict
+from tests.inference.fake_model import FakeModel, WholeModel
+from tests.synthetic import synthetic_views
+
+TO_OPENCV = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+
+def photos(num_frames: int = 3, size: tuple[int, int] = (128, 96)):
+    views = synthetic_views(num_frames, size)
+    return (
+        [view.image for view in views],
+        [view.intrinsics - TO_OPENCV for view in views],
+        [view.world_from_cam for view in views],
+    )
+
+
+def test_every_photo_is_a_reference_by_default_and_is_encoded_once():
+    model = FakeModel()
+    results = predict(model, *photos(4))
+    assert len(results) == 4
+    assert model.encoded_views == 4
+
+
+def test_results_have_the_size_of_their_photo():
+    images, intrinsics, poses = photos(2)
+    images[1] = images[1][:60, :100]
+    small, cut = predict(FakeModel(), images, intrinsics, poses)
+    assert small.depth is not None and cut.depth is not None
+    assert small.depth.shape == (96, 128) and small.depth.dtype == np.float32
+    assert cut.depth.shape == (60, 100)
+    assert cut.confidence is not None and cut.confidence.dtype == np.float32
+    assert cut.labels is not None and cut.labels.dtype == np.uint8
+    np.testing.assert_allclose(cut.confidence, 0.75)
+
+
+def test_the_reference_comes_first_and_its_intrinsics_fit_the_network_size():
+    model = FakeModel()
+    images, intrinsics, poses = photos(3)
+    predict(model, images, intrinsics, poses, references=[2])
+    (views,) = model.decoded
+    relative = np.linalg.inv(poses[2]) @ poses[0]
+    first, second = views.world_from_cam[0, :2].numpy()
+    got = np.linalg.inv(first) @ second
+    np.testing.assert_allclose(got, relative, atol=1e-6)
+    expected = (intrinsics[2] + TO_OPENCV) * [[0.5], [0.5], [1]]
+    np.testing.assert_allclose(views.intrinsics[0, 0], expected, atol=1e-5)
+
+
+def test_georeferenced_poses_keep_their_baselines():
+    model = FakeModel()
+    images, intrinsics, poses = photos(2)
+    far = [pose.copy() for pose in poses]
+    for pose in far:
+        pose[:3, 3] += [4.5e5, 5.3e6, 300]
+    predict(model, images, intrinsics, far, references=[0])
+    centres = model.decoded[0].world_from_cam[0, :, :3, 3].numpy()
+    wanted = np.linalg.norm(poses[1][:3, 3] - poses[0][:3, 3])
+    assert np.linalg.norm(centres[1] - centres[0]) == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_model_without_encode_is_called_as_a_whole():
+    results = predict(WholeModel(), *photos(2))
+    assert all(r.depth is not None and r.labels is None for r in results)
+
+
+def test_the_model_keeps_its_training_mode():
+    model = FakeModel().train()
+    predict(model, *photos(2))
+    assert model.training
+
+
+def broken(part: int, index: int, value) -> list:
+    parts = [list(part) for part in photos(3)]
+    parts[part][index] = value
+    return parts
+
+
+TRANSPOSED = np.eye(4)
+TRANSPOSED[3, :3] = 1
+SCALED = np.diag([2.0, 2, 2, 1])
+
+
+@pytest.mark.parametrize(
+    ("parts", "complaint"),
+    [
+        (broken(0, 1, np.zeros((48, 64, 3), np.float32)), "photo 1: the image is float32"),
+        (broken(0, 2, np.zeros((48, 64), np.uint8)), "photo 2: the image"),
+        (broken(1, 2, np.eye(4)), "photo 2: the intrinsics has shape"),
+        (broken(1, 0, np.diag([-1.0, 1, 1])), "photo 0: the focal lengths must be positive"),
+        (broken(2, 1, np.eye(3)), "photo 1: the pose has shape"),
+        (broken(2, 1, np.full((4, 4), np.nan)), "photo 1: the pose is not finite"),
+        (broken(2, 1, TRANSPOSED), "photo 1: .* transposed"),
+        (broken(2, 1, SCALED), "photo 1: the pose is not rigid"),
+        ([*(part[:2] for part in photos(2)[:2]), []], "2 images, 2 intrinsics and 0"),
+        ([part[:1] for part in photos(1)], "1 photos were given; give 2 to 8"),
+    ],
+)
+def test_bad_photos_are_named(parts: list, complaint: str):
+    with pytest.raises(InputError, match=complaint):
+        predict(FakeModel(), *parts)
+
+
+@pytest.mark.parametrize("depth_range", [(0.0, 5.0), (2.0, 1.0), (0.1, float("nan"))])
+def test_a_depth_range_must_be_one(depth_range: tuple[float, float]):
+    with pytest.raises(InputError, match="depth range"):
+        predict(FakeModel(), *photos(2), depth_range=depth_range)
+
+
+def test_an_unknown_reference_is_refused():
+    with pytest.raises(InputError, match="numbered 0 to 1"):
+        predict(FakeModel(), *photos(2), references=[2])

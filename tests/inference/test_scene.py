@@ -1,0 +1,237 @@
+import errno
+import json
+import logging
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import mvsam.files
+from mvsam.data.formats import open_scene
+from mvsam.data.labels import png_palette
+from mvsam.errors import InputError
+from mvsam.files import DiskFullError
+from mvsam.inference.scene import predict_scene
+from tests.inference.fake_model import FakeModel, WholeModel
+from tests.synthetic import SyntheticView, write_posed_folder
+
+SIZE = (128, 96)
+
+
+@pytest.fixture
+def truth(tmp_path: Path) -> list[SyntheticView]:
+    return write_posed_folder(tmp_path / "room", 4, SIZE)
+
+
+@pytest.fixture
+def scene(tmp_path: Path, truth: list[SyntheticView]):
+    return open_scene(tmp_path / "room")
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "out"
+
+
+def read(path: Path) -> np.ndarray:
+    with Image.open(path) as picture:
+        return np.array(picture)
+
+
+def files_of(out: Path) -> dict[str, int]:
+    """Each file below `out` and when it was last changed."""
+    paths = [path for path in out.rglob("*") if path.is_file()]
+    return {str(path.relative_to(out)): path.stat().st_mtime_ns for path in paths}
+
+
+def test_every_promised_file_is_written(scene, out: Path):
+    result = predict_scene(FakeModel(), scene, out, save_npz=True)
+    names = ["0000", "0001", "0002", "0003"]
+    patterns = ["color/{}.jpg", "depth/{}.png", "depth/{}.npz", "confidence/{}.png"]
+    patterns += ["labels/{}.png", "preview/{}.jpg"]
+    wanted = {pattern.format(name) for pattern in patterns for name in names}
+    wanted |= {"transforms.json", "classes.json", "metrics.json", "run.json"}
+    assert set(files_of(out)) == wanted
+    assert result.written == names and not result.kept and not result.skipped
+
+
+def test_maps_have_the_promised_sizes_and_types(scene, truth, out: Path):
+    predict_scene(FakeModel(), scene, out, save_npz=True)
+    with Image.open(out / "depth/0001.png") as depth:
+        assert depth.mode == "I;16" and depth.size == SIZE
+        millimetres = np.array(depth).astype(float)
+    with np.load(out / "depth/0001.npz") as stored:
+        assert stored["depth"].dtype == np.float32
+        np.testing.assert_allclose(millimetres, 1000 * stored["depth"], atol=0.51)
+    with Image.open(out / "labels/0001.png") as labels:
+        assert labels.mode == "P" and labels.size == SIZE
+        assert labels.getpalette() == png_palette()
+    assert (read(out / "confidence/0001.png") == 191).all()  # 0.75 * 255
+    with Image.open(out / "preview/0001.jpg") as preview:
+        assert preview.size == (3 * SIZE[0], SIZE[1])
+    # The fake repeats the true depth at half the size; the walls' edges are a pixel wide.
+    off = np.abs(millimetres / 1000 - truth[1].depth) / truth[1].depth
+    assert np.quantile(off, 0.95) < 0.02
+
+
+def test_transforms_json_holds_opengl_poses_and_the_photo_s_intrinsics(scene, truth, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    frame = json.loads((out / "transforms.json").read_text())["frames"][2]
+    opengl = truth[2].world_from_cam @ np.diag([1, -1, -1, 1])
+    np.testing.assert_allclose(frame["transform_matrix"], opengl, atol=1e-6)
+    (fl_x, _, cx), (_, fl_y, cy), _ = truth[2].intrinsics
+    got = [frame[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")]
+    np.testing.assert_allclose(got, [*SIZE, fl_x, fl_y, cx, cy], atol=1e-6)
+    for key in ("file_path", "depth_file_path", "label_file_path", "confidence_file_path"):
+        assert (out / frame[key]).is_file()
+
+
+def test_run_json_says_what_made_the_folder(scene, out: Path):
+    predict_scene(FakeModel(), scene, out, num_views=2, arguments={"scene": "room"})
+    run = json.loads((out / "run.json").read_text())
+    assert run["model"] == "fake" and len(run["weights_sha256"]) == 64
+    assert run["arguments"] == {"scene": "room"} and run["num_views"] == 2
+    assert {"mvsam", "torch", "numpy", "python"} <= set(run["versions"])
+    assert {"read", "encode", "decode", "write"} <= set(run["seconds"])
+    assert run["peak_memory_mb"]["ram"] > 1
+
+
+def test_metrics_json_scores_the_written_maps(scene, out: Path):
+    result = predict_scene(FakeModel(), scene, out)
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["protocol"] == "paper"
+    assert 0 < metrics["rel"] < 0.02  # the true depth, shrunk to the fake's size and back
+    assert metrics["delta_1.05"] > 0.9
+    assert list(metrics["scenes"]) == ["room"]
+    assert result.scores is not None and result.scores.as_json() == metrics
+
+
+def test_without_ground_truth_there_is_no_metrics_json(tmp_path: Path, out: Path):
+    write_posed_folder(tmp_path / "bare", 3, SIZE, depth=False, labels=False)
+    result = predict_scene(FakeModel(), open_scene(tmp_path / "bare"), out)
+    assert result.scores is None and not (out / "metrics.json").exists()
+
+
+def test_a_task_the_model_lacks_leaves_no_files(scene, out: Path):
+    predict_scene(WholeModel(), scene, out)
+    assert {path.name for path in out.iterdir() if path.is_dir()} == {"color", "depth", "preview"}
+    with Image.open(out / "preview/0000.jpg") as preview:
+        assert preview.size == (2 * SIZE[0], SIZE[1])
+
+
+def test_each_photo_is_encoded_once_for_all_tuples(scene, out: Path):
+    model = FakeModel()
+    predict_scene(model, scene, out)
+    assert len(model.decoded) == 4 and model.encoded_views == 4
+
+
+def test_a_second_run_skips_what_is_done(scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    before = files_of(out)
+    (out / "depth/0002.png").unlink()
+    model = FakeModel()
+    result = predict_scene(model, scene, out)
+    assert result.written == ["0002"] and len(result.kept) == 3
+    assert len(model.decoded) == 1
+    after = files_of(out)
+    assert after["depth/0001.png"] == before["depth/0001.png"]
+    assert after["depth/0002.png"] > before["depth/0002.png"]
+
+
+def test_overwrite_makes_everything_anew(scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    result = predict_scene(FakeModel(), scene, out, overwrite=True)
+    assert len(result.written) == 4
+
+
+def test_another_model_does_not_mix_into_a_folder(scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    with pytest.raises(InputError, match=r"model fake, not WholeModel.*--overwrite"):
+        predict_scene(WholeModel(), scene, out)
+    predict_scene(WholeModel(), scene, out, overwrite=True, references=["0000"])
+    assert not list((out / "labels").iterdir())
+    assert [path.name for path in (out / "depth").iterdir()] == ["0000.png"]
+
+
+def test_the_scene_itself_is_never_written_into(scene, tmp_path: Path):
+    before = files_of(tmp_path / "room")
+    for overwrite in (False, True):
+        with pytest.raises(InputError, match="choose another --out"):
+            predict_scene(FakeModel(), scene, tmp_path / "room", overwrite=overwrite)
+    assert files_of(tmp_path / "room") == before
+
+
+def test_asking_for_npz_later_adds_it(scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    predict_scene(FakeModel(), scene, out, save_npz=True)
+    assert len(list((out / "depth").glob("*.npz"))) == 4
+
+
+def test_ctrl_c_leaves_whole_files_and_the_next_run_continues(scene, out: Path):
+    model = FakeModel()
+    model.fail_at = (3, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        predict_scene(model, scene, out)
+    index = json.loads((out / "transforms.json").read_text())
+    assert [Path(f["file_path"]).stem for f in index["frames"]] == ["0000", "0001"]
+    result = predict_scene(FakeModel(), scene, out)
+    assert result.kept == ["0000", "0001"] and result.written == ["0002", "0003"]
+    assert len(json.loads((out / "transforms.json").read_text())["frames"]) == 4
+
+
+def test_a_photo_that_was_killed_half_way_is_done_again(scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    (out / "preview/0001.jpg").rename(out / "preview/.0001.jpg.part")
+    assert predict_scene(FakeModel(), scene, out).written == ["0001"]
+    assert not list(out.rglob("*.part"))
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_no_fragments(scene, out: Path, monkeypatch):
+    class FullAfter:
+        """Stands in for `os.replace`: the third label map finds no room."""
+
+        def __call__(self, source, target):
+            if "labels" in str(target) and "0002" in str(target):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.rename(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mvsam.files.os, "replace", FullAfter())
+        with pytest.raises(DiskFullError, match=r"disk is full: no room for .*labels/0002.png"):
+            predict_scene(FakeModel(), scene, out)
+    assert not list(out.rglob("*.part"))
+    assert not (out / "labels/0002.png").exists()
+    assert predict_scene(FakeModel(), scene, out).written == ["0002", "0003"]
+
+
+def test_an_output_folder_that_cannot_be_written_is_named(scene, tmp_path: Path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match=r"output folder .*file/out is not writable"):
+        predict_scene(FakeModel(), scene, tmp_path / "file/out")
+
+
+def test_references_choose_photos_by_name(scene, out: Path):
+    result = predict_scene(FakeModel(), scene, out, references=["0002"])
+    assert result.written == ["0002"]
+    with pytest.raises(InputError, match=r"no photo named 002\. Did you mean 0002"):
+        predict_scene(FakeModel(), scene, out, references=["002"])
+
+
+def test_a_photo_that_overlaps_no_other_is_skipped_and_named(tmp_path: Path, out: Path, caplog):
+    write_posed_folder(tmp_path / "room", 4, SIZE)
+    away = np.diag([-1.0, 1, -1, 1])  # looks backwards
+    np.savetxt(tmp_path / "room/poses/0003.txt", away)
+    with caplog.at_level(logging.WARNING, "mvsam"):
+        result = predict_scene(FakeModel(), open_scene(tmp_path / "room"), out)
+    assert result.skipped == ["0003"] and "0003" in caplog.text
+    assert result.written == ["0000", "0001", "0002"]
+    with pytest.raises(InputError, match="none of the references 0003"):
+        predict_scene(FakeModel(), open_scene(tmp_path / "room"), out, references=["0003"])
+
+
+def test_progress_counts_every_reference(scene, out: Path):
+    seen = []
+    predict_scene(FakeModel(), scene, out, on_photo=lambda *step: seen.append(step))
+    assert seen == [(i + 1, 4, f"000{i}") for i in range(4)]
