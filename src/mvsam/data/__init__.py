@@ -4,8 +4,9 @@ from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset, collate, make_targets, make_views
 from mvsam.data.formats import open_scene
 from mvsam.data.labels import SCANNET20, ClassTable, colorize, png_palette
+from mvsam.data.pose_check import pose_convention_hint
 from mvsam.data.posed_folder import PosedFolder
-from mvsam.data.sampling import pose_convention_hint, view_tuples
+from mvsam.data.sampling import view_tuples
 
 __all__ = [
     "SCANNET20",

@@ -1,13 +1,11 @@
-"""Which views go together: sources ranked by the overlap of viewing frusta and their baseline.
-
-Everything here is geometry of the cameras alone; no picture is read.
-"""
+"""Which views go together: sources ranked by the overlap of viewing frusta and their baseline."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
+from mvsam.data.pose_check import pose_convention_hint
 from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
 
@@ -79,39 +77,6 @@ def rank_sources(
         else:
             skipped.append(frame.name)
     return tuples, skipped
-
-
-def pose_convention_hint(
-    frames: Sequence[Frame], depth_range: DepthRange = (0.1, 5.0)
-) -> str | None:
-    """A sentence on the poses' likely convention, if another reading makes the views overlap.
-
-    Only a clear case speaks: views that barely overlap as given (median of each frame's best
-    overlap below 0.25) and overlap well, over twice as much, when read otherwise.
-    """
-    cameras = Cameras.of(frames)
-    poses = cameras.world_from_cam
-    readings = {
-        "world-to-camera; invert them": np.linalg.inv(poses),
-        "in OpenGL axes (y up, z backward); negate their second and third column": poses
-        @ np.diag([1.0, -1.0, -1.0, 1.0]),
-    }
-    as_given = _typical_overlap(cameras, depth_range)
-    overlaps = {
-        reading: _typical_overlap(cameras.with_poses(poses), depth_range)
-        for reading, poses in readings.items()
-    }
-    reading = max(overlaps, key=lambda reading: overlaps[reading])
-    if as_given < 0.25 and overlaps[reading] > max(0.4, 2 * as_given):
-        return (
-            f"the poses look {reading} (typical overlap {overlaps[reading]:.0%} instead of "
-            f"{as_given:.0%})."
-        )
-    return None
-
-
-def _typical_overlap(cameras: Cameras, depth_range: DepthRange) -> float:
-    return float(np.median(frustum_overlap(cameras, depth_range).max(axis=1)))
 
 
 def evenly_spaced(tuples: Sequence[ViewTuple], limit: int | None) -> list[ViewTuple]:

@@ -1,0 +1,98 @@
+"""An endless stream of training samples in which sample n depends on (seed, n) alone."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from torch.utils.data import Dataset, Sampler
+
+from mvsam.data.cache import cached_scene
+from mvsam.data.catalog import open_data
+from mvsam.data.dataset import collate, make_targets, make_views
+from mvsam.data.sampling import view_tuples
+from mvsam.types import Scene, Targets, Views
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """What a run trains on and watches."""
+
+    train: str = "rooms:train:0-3000"
+    """Scenes to train on: rooms:SPLIT:FIRST-END or a path."""
+    val: str = "rooms:val:0-20"
+    """Scenes to watch while training."""
+    num_views: int = 3
+    """The paper's M."""
+    references: int = 1
+    """How many views of each tuple serve as reference in turn; they share their features
+    ("we repeat this M times", Sec. 3)."""
+    size: tuple[int, int] = (320, 256)
+    """(width, height) of the training pictures, pixels."""
+    depth_range: tuple[float, float] = (0.1, 5.0)
+    """Metres."""
+    cache: str | None = None
+    """Folder for rendered scenes (about 2.5 MB each); none: render anew every time."""
+    workers: int = 1
+    """Processes that load or render data, for each training process."""
+
+
+TrainingSample = tuple[Views, list[Targets]]
+"""Views of a batch, and the targets of view 0, 1, ... as reference."""
+
+
+class SampleStream(Dataset[TrainingSample]):
+    """Sample n: a scene of the n-th place in endlessly reshuffled order, a random tuple of it."""
+
+    def __init__(self, config: DataConfig, seed: int):
+        self.config, self.seed = config, seed
+        self.scenes: Sequence[Scene] = open_data(config.train)
+
+    def __getitem__(self, n: int) -> TrainingSample:
+        epoch, position = divmod(n, len(self.scenes))
+        scene = self._scene(int(_permutation(self.seed, epoch, len(self.scenes))[position]))
+        config = self.config
+        tuples, _ = view_tuples(scene, config.num_views, config.depth_range)
+        chosen = tuples[np.random.default_rng((self.seed, n)).integers(len(tuples))]
+        frames = [scene.frame(index) for index in chosen]
+        views = make_views(frames, config.size, config.depth_range)
+        if config.references > 1:  # measured depth belongs to view 0 alone
+            views = replace(views, measured_depth=None)
+        targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
+        return views, targets
+
+    def _scene(self, index: int) -> Scene:
+        scene = self.scenes[index]
+        return cached_scene(scene, Path(self.config.cache)) if self.config.cache else scene
+
+
+@lru_cache(maxsize=2)
+def _permutation(seed: int, epoch: int, count: int) -> np.ndarray:
+    return np.random.default_rng((seed, epoch, 1)).permutation(count)
+
+
+class Onward(Sampler[int]):
+    """`first`, `first` + stride, ... without end: one process's share of the sample numbers.
+
+    first: this process's next sample. stride: how many processes share the stream.
+    """
+
+    def __init__(self, first: int, stride: int = 1):
+        self.first, self.stride = first, stride
+
+    def __iter__(self) -> Iterator[int]:
+        n = self.first
+        while True:
+            yield n
+            n += self.stride
+
+
+def collate_training(samples: Sequence[TrainingSample]) -> TrainingSample:
+    """One batch from samples of equal size."""
+    views = collate([("", views, targets[0]) for views, targets in samples])[1]
+    targets = [
+        collate([("", views, targets[reference]) for views, targets in samples])[2]
+        for reference in range(len(samples[0][1]))
+    ]
+    return views, targets
