@@ -3,10 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
+from .classes import CLUTTER, FLOOR
 from .dice import Dice
 from .mesh import rotation_about
 from .render import Camera
-from .room import CLUTTER, Room
+from .room import Room
 
 CLEARANCE = 0.4
 """No surface comes closer to the camera, metres."""
@@ -56,42 +57,62 @@ def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int
     """Poses of neighbouring views: 5-20 cm apart, turning a little, never near a surface."""
     lens = intrinsics(dice, width, height)
     best, best_score = None, -np.inf
-    for _ in range(24):
-        poses = _wander(room, dice, num_frames)
+    wanted = _rare_point(room, dice) if dice.chance(0.75) else None
+    for attempt in range(120):
+        poses = _wander(room, dice, num_frames, wanted, 0.6 if attempt > 60 else 1.0)
         if poses is None:
             continue
-        score = _interest(room, lens, poses, width, height) + dice.uniform(0, 0.5)
+        score = _interest(room, lens, poses, width, height) + dice.uniform(0, 0.4)
         if score > best_score:
             best, best_score = poses, score
-    if best is None:
-        best = [_standing(room, dice)] * num_frames
+        if attempt > 24 and best is not None:
+            break
+    assert best is not None, "no free place for the camera in this room"
     return [Camera(lens, pose, width, height) for pose in best]
 
 
-def _wander(room: Room, dice: Dice, num_frames: int) -> list[np.ndarray] | None:
-    corners = room.triangles.reshape(-1, 3)
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    start = np.array([dice.uniform(low[i], high[i]) for i in range(2)] + [dice.uniform(1.0, 1.75)])
+def _rare_point(room: Room, dice: Dice) -> np.ndarray:
+    """A place on some thing; every class in the room has the same chance."""
+    classes = [label for label in np.unique(room.labels) if FLOOR < label < CLUTTER]
+    if not classes:
+        return room.triangles[:, 0].mean(axis=0)
+    chosen = np.flatnonzero(room.labels == dice.pick(classes))
+    return room.triangles[dice.pick(chosen)].mean(axis=0).astype(np.float64)
+
+
+def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: float):
+    """Poses of one short path, or None if it comes too near to something."""
+    start = _stand(room, dice)
     yaw, pitch, roll = dice.uniform(0, 360), dice.uniform(-32, 3), dice.uniform(-4, 4)
-    heading = np.radians(yaw + dice.pick([-90, 90, 60, -60, 0, 120, -120]) + dice.uniform(-20, 20))
+    if wanted is not None:
+        away = wanted - start
+        distance = float(np.hypot(away[0], away[1]))
+        if not 0.7 < distance < 3.5:
+            return None
+        yaw = float(np.degrees(np.arctan2(away[1], away[0]))) + dice.uniform(-14, 14)
+        pitch = float(np.degrees(np.arctan2(away[2], distance))) + dice.uniform(-8, 10)
+        pitch = float(np.clip(pitch, -35, 5))
+    heading = np.radians(yaw + dice.pick([-90, 90, 60, -60, 120, -120, 0]) + dice.uniform(-25, 25))
     direction = np.array([np.cos(heading), np.sin(heading), dice.uniform(-0.3, 0.3)])
-    direction /= np.linalg.norm(direction)
+    direction *= scale / np.linalg.norm(direction)
     turn = dice.uniform(-4, 4)
     positions, angles = [start], [(yaw, pitch, roll)]
     for _ in range(num_frames - 1):
-        positions.append(positions[-1] + direction * dice.uniform(0.05, 0.13))
-        yaw += turn + dice.uniform(-2.5, 2.5)
-        pitch = float(np.clip(pitch + dice.uniform(-2.5, 2.5), -38, 8))
+        positions.append(positions[-1] + direction * dice.uniform(0.06, 0.13))
+        yaw += turn + dice.uniform(-2, 2)
+        pitch = float(np.clip(pitch + dice.uniform(-2, 2), -38, 8))
         roll += dice.uniform(-1, 1)
         angles.append((yaw, pitch, roll))
     places = np.array(positions)
-    if (clearance(room, places) < CLEARANCE).any() or not room.contains(places).all():
+    if not room.contains(places).all() or (clearance(room, places) < CLEARANCE).any():
         return None
     return [look(p, *a) for p, a in zip(positions, angles, strict=True)]
 
 
-def _standing(room: Room, dice: Dice) -> np.ndarray:
-    raise AssertionError("no free place for the camera")
+def _stand(room: Room, dice: Dice) -> np.ndarray:
+    left, front, right, back = room.footprint[dice.count(0, len(room.footprint) - 1)]
+    x, y = dice.uniform(left + 0.4, right - 0.4), dice.uniform(front + 0.4, back - 0.4)
+    return np.array([x, y, dice.uniform(1.0, 1.75)])
 
 
 def _interest(room: Room, lens, poses, width: int, height: int) -> float:
@@ -102,8 +123,7 @@ def _interest(room: Room, lens, poses, width: int, height: int) -> float:
     hits = room.trace(*camera.rays(pixels))
     labels = room.labels[hits.triangle]
     share = np.bincount(labels, minlength=256) / len(labels)
-    furniture = share[2:CLUTTER]
-    seen = np.minimum(furniture / 0.04, 1).sum()
-    near = (hits.distance < 0.6).mean() + max(0.0, (hits.distance > 5).mean() - 0.1)
-    plain = max(0.0, share[0] - 0.5) + max(0.0, share[1] - 0.4) + max(0.0, share[255] - 0.3)
-    return float(0.35 * seen - 3 * near - 2 * plain)
+    seen = np.minimum(share[FLOOR + 1 : CLUTTER] / 0.05, 1).sum()
+    near = (hits.distance < 0.7).mean() + max(0.0, (hits.distance > 5).mean() - 0.1)
+    plain = max(0.0, share[:2].sum() - 0.55) + max(0.0, share[CLUTTER] - 0.25)
+    return float(0.3 * seen - 3 * near - 2.5 * plain)

@@ -25,7 +25,9 @@ def export_posed_folder(scene: Scene, folder: Path) -> None:
     for frame in frames:
         _export_frame(frame, folder)
     lines = [" ".join(frames[i].name for i in view) for view in scene.views() or ()]
-    (folder / "views.txt").write_text("# reference, then sources, best first\n" + "\n".join(lines) + "\n")
+    (folder / "views.txt").write_text(
+        "# reference, then sources, best first\n" + "\n".join(lines) + "\n"
+    )
 
 
 def _export_frame(frame: Frame, folder: Path) -> None:

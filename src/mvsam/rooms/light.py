@@ -31,7 +31,7 @@ def irradiance(
             shift = (phase + np.array([0.7549 * key, 0.5698 * key], dtype=np.float32)) % 1
             shift[:, 0] = (shift[:, 0] + sample) / samples
             shift = 2 * shift.astype(np.float32) - 1
-            target = (light.center + shift[:, :1] * light.half_u + shift[:, 1:] * light.half_v)
+            target = light.center + shift[:, :1] * light.half_u + shift[:, 1:] * light.half_v
             total += _from_lamp(room, start, normal, target.astype(np.float32), light) / samples
     return total
 

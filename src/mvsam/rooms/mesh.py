@@ -244,3 +244,27 @@ def sheet(shape: Callable[[np.ndarray, np.ndarray], np.ndarray], rows: int, colu
     """A smooth sheet: `shape(s, t)` gives points for s across and t down, both in [0, 1]."""
     s, t = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     return grid_surface(shape(s, t))
+
+
+def loft(
+    outline: Sequence[Sequence[float]], sections: Sequence[tuple[float, float, float, float]]
+) -> Soup:
+    """A skin over copies of a closed (x, y) outline; a section is (x scale, y scale, y shift, z).
+
+    Ends open unless the first or last section is scaled to nothing.
+    """
+    closed = np.asarray([*outline, outline[0]], dtype=np.float64)
+    points = np.empty((len(sections), len(closed), 3))
+    for row, (scale_x, scale_y, shift, height) in enumerate(sections):
+        points[row] = np.column_stack(
+            [closed[:, 0] * scale_x, closed[:, 1] * scale_y + shift, np.full(len(closed), height)]
+        )
+    skin = grid_surface(points)
+    area = np.linalg.norm(
+        np.cross(
+            skin.corners[:, 1] - skin.corners[:, 0], skin.corners[:, 2] - skin.corners[:, 0]
+        ),
+        axis=1,
+    )
+    keep = area > 1e-9
+    return Soup(skin.corners[keep], skin.normals[keep], skin.uv[keep])

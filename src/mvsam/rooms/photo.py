@@ -35,7 +35,11 @@ def _vignette(shape: tuple[int, int], strength: float) -> np.ndarray:
 def _soften(light: np.ndarray, side: float) -> np.ndarray:
     """A 3 x 3 blur with weights (side, 1 - 2 side, side) each way."""
     for axis in (0, 1):
-        before = np.concatenate([light.take([0], axis), light.take(range(light.shape[axis] - 1), axis)], axis)
-        after = np.concatenate([light.take(range(1, light.shape[axis]), axis), light.take([-1], axis)], axis)
+        before = np.concatenate(
+            [light.take([0], axis), light.take(range(light.shape[axis] - 1), axis)], axis
+        )
+        after = np.concatenate(
+            [light.take(range(1, light.shape[axis]), axis), light.take([-1], axis)], axis
+        )
         light = (1 - 2 * side) * light + side * (before + after)
     return light

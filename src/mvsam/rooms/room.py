@@ -1,6 +1,6 @@
 """A room: all its triangles with labels and materials, its lights, and rays into it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -10,10 +10,6 @@ from mvsam.errors import MissingExtraError
 from .materials import Color, Material
 from .mesh import Soup
 from .textures import MaterialTable, material_table
-
-CLUTTER = 255
-"""Label of what belongs to none of the 20 classes, the ceiling included."""
-
 
 @dataclass
 class Piece:
@@ -74,6 +70,9 @@ class Hits:
     normal: Float[np.ndarray, "ray 3"]
     """Unit shading normal, towards where the ray came from."""
     uv: Float[np.ndarray, "ray 2"]
+
+    def part(self, chosen: np.ndarray) -> "Hits":
+        return Hits(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
 class Room:

@@ -10,7 +10,7 @@ from mvsam.types import Frame
 
 from .camera_path import camera_path
 from .dice import Dice
-from .furnish import build_room
+from .layout import build_room
 from .photo import develop
 from .render import Camera, Rendering, render
 from .room import Room

@@ -1,0 +1,1 @@
+"""Parametric furniture: every function throws dice and returns one thing in its own axes."""
