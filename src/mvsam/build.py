@@ -100,17 +100,17 @@ TINY_CHANNELS = 128
 
 
 def tiny_vit() -> VisionTransformerSAM:
-    """A SAM-type ViT for 320 pixels: windows of 10 x 10 tokens, every second block global."""
+    """A SAM-type ViT for 320 pixels: windows of 10 x 10 tokens, every third block global."""
     return VisionTransformerSAM(
         img_size=TINY_SIDE,
         patch_size=16,
         embed_dim=192,
-        depth=8,
+        depth=6,
         num_heads=3,
         num_classes=0,
         use_rel_pos=True,
         window_size=10,
-        global_attn_indexes=(1, 3, 5, 7),
+        global_attn_indexes=(2, 5),
         neck_chans=TINY_CHANNELS,
         norm_layer=partial(nn.LayerNorm, eps=1e-6),
         embed_layer=ConvStem,

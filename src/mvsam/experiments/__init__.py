@@ -1,0 +1,1 @@
+"""Runs as Python values: everything needed to repeat one, and the driver that trains it."""

@@ -95,7 +95,7 @@ def four_plane_mass(
     """Probability of the four planes around the expected plane index, 0..1 (CasMVSNet)."""
     num_planes = probability.shape[1]
     index = torch.arange(num_planes, device=probability.device, dtype=probability.dtype)
-    expected = torch.einsum("bphw,p->bhw", probability, index)
+    expected = (probability * index[:, None, None]).sum(dim=1)  # no matmul: autocast would round it
     nearest = expected.long().clamp(0, num_planes - 1)
     cumulative = F.pad(probability.cumsum(dim=1), (0, 0, 0, 0, 1, 0))
     upper = (nearest + 3).clamp(max=num_planes)[:, None]

@@ -1,12 +1,42 @@
 """The 3D U-Net that turns a cost volume into one score per hypothesis (CasMVSNet's, Sec. 3.2)."""
 
+from functools import cache
+
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 
+class Conv3d(nn.Conv3d):
+    """A 3D convolution that steps around wrong gradients of bfloat16 on CPUs.
+
+    oneDNN's bfloat16 backward pass returns garbage for volumes of two planes on AVX-512 and
+    corrupts memory for wide ones of eight planes on AMX (torch 2.13 to 2.14, docs/log.md). Such
+    volumes are convolved in float32 while training; elsewhere this is `nn.Conv3d`.
+    """
+
+    def forward(
+        self, volume: Float[Tensor, "batch _channel _plane _height _width"]
+    ) -> Float[Tensor, "batch _channels _planes _rows _columns"]:
+        is_risky = (
+            volume.device.type == "cpu"
+            and torch.is_grad_enabled()
+            and volume.shape[2] < _fewest_bfloat16_planes()
+        )
+        if not is_risky:
+            return super().forward(volume)
+        with torch.autocast("cpu", enabled=False):
+            return super().forward(volume.float()).to(volume.dtype)
+
+
+@cache
+def _fewest_bfloat16_planes() -> int:
+    return 9 if torch.cpu._is_amx_tile_supported() else 3
+
+
 def conv3d_bn_relu(in_channels: int, out_channels: int, stride: int = 1) -> nn.Sequential:
     return nn.Sequential(
-        nn.Conv3d(in_channels, out_channels, 3, stride, padding=1, bias=False),
+        Conv3d(in_channels, out_channels, 3, stride, padding=1, bias=False),
         nn.BatchNorm3d(out_channels),
         nn.ReLU(inplace=True),
     )
@@ -44,7 +74,7 @@ class CostRegularizer(nn.Module):
         self.up2 = deconv3d_bn_relu(8 * base, 4 * base)
         self.up1 = deconv3d_bn_relu(4 * base, 2 * base)
         self.up0 = deconv3d_bn_relu(2 * base, base)
-        self.score = nn.Conv3d(base, 1, 3, padding=1, bias=False)
+        self.score = Conv3d(base, 1, 3, padding=1, bias=False)
 
     def forward(
         self, volume: Float[Tensor, "batch channel plane height width"]

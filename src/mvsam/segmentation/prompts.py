@@ -22,7 +22,9 @@ class PositionEncoding(nn.Module):
         y = (torch.arange(height, **options) + 0.5) / height
         x = (torch.arange(width, **options) + 0.5) / width
         grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)
-        phase = (2 * grid - 1) @ self.gaussian * (2 * math.pi)
+        signed = (2 * grid - 1)[..., None]
+        # Sums, not a matmul, which autocast would round to a twentieth of a radian.
+        phase = (signed * self.gaussian).sum(dim=-2) * (2 * math.pi)
         return torch.cat([phase.sin(), phase.cos()], dim=-1).permute(2, 0, 1)
 
 

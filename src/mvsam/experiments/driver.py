@@ -1,0 +1,186 @@
+"""Trains an experiment: data, checkpoints, exact resume, logs, and the weights at the end."""
+
+import warnings
+from pathlib import Path
+
+import torch
+from lightning import LightningDataModule, Trainer, seed_everything
+from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from torch.utils.data import DataLoader
+
+from mvsam.build import build
+from mvsam.data.dataset import TupleDataset, collate, open_data
+from mvsam.data.stream import Onward, SampleStream, collate_training
+from mvsam.errors import InputError
+from mvsam.experiments.config import Experiment, ModelConfig, commit
+from mvsam.experiments.pictures import ValidationPictures
+from mvsam.model import MultiViewSAM
+from mvsam.training.module import TrainingModule
+from mvsam.weights import layout_channels_last, load_into, load_sam, save
+
+
+def train(
+    experiment: Experiment,
+    folder: Path,
+    devices: int = 1,
+    num_nodes: int = 1,
+    accelerator: str = "auto",
+    progress: bool = True,
+) -> Path:
+    """Trains to the last step, going on from `folder/last.ckpt` where there is one.
+
+    Returns the path of the trained weights. One process a device; on several nodes start the same
+    command on each with the variables Lightning reads (MASTER_ADDR, NODE_RANK, ...).
+    """
+    _check(experiment, devices * num_nodes)
+    seed_everything(experiment.train.seed, workers=True, verbose=False)
+    if not torch.cuda.is_available() and devices > 1:
+        torch.set_num_threads(1)  # two threads in each of two processes wait for each other
+    experiment.save(folder / "experiment.json")
+    module = TrainingModule(
+        initial_model(experiment.model),
+        experiment.loss,
+        experiment.optimizer,
+        experiment.data.depth_range,
+    )
+    trainer = _trainer(experiment, folder, devices, num_nodes, accelerator, progress)
+    data = ExperimentData(experiment, devices * num_nodes)
+    last = folder / "last.ckpt"
+    with warnings.catch_warnings():
+        _silence_lightning()
+        trainer.fit(
+            module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False
+        )
+    target = folder / "model.safetensors"
+    if trainer.is_global_zero:
+        steps = trainer.global_step
+        save(
+            module.model,
+            target,
+            name=experiment.model.name,
+            depth_range=experiment.data.depth_range,
+            training={"run": experiment.name, "steps": steps, "commit": commit()},
+        )
+    return target
+
+
+def initial_model(config: ModelConfig) -> MultiViewSAM:
+    """The model of a run before its first step."""
+    options = {} if config.tuned_blocks is None else {"tuned_blocks": config.tuned_blocks}
+    model = build(config.name, config.num_classes, **options)
+    if config.sam_checkpoint:
+        load_sam(model, config.sam_checkpoint)
+    if config.init:
+        load_into(model, config.init)
+    return layout_channels_last(model)
+
+
+class ExperimentData(LightningDataModule):
+    """The sample stream, begun where a resumed run stopped, and the validation tuples."""
+
+    def __init__(self, experiment: Experiment, num_processes: int):
+        super().__init__()
+        self.experiment = experiment
+        self.num_processes = num_processes
+        self.next_sample = 0
+
+    def train_dataloader(self) -> DataLoader:
+        data, train = self.experiment.data, self.experiment.train
+        assert self.trainer is not None
+        share = train.batch_size // self.num_processes
+        return DataLoader(
+            SampleStream(data, train.seed),
+            batch_size=share,
+            sampler=Onward(self.next_sample + self.trainer.global_rank, self.num_processes),
+            num_workers=data.workers,
+            collate_fn=collate_training,
+            prefetch_factor=4 if data.workers else None,
+            multiprocessing_context="spawn" if data.workers else None,
+        )
+
+    def val_dataloader(self) -> DataLoader:
+        data = self.experiment.data
+        tuples = TupleDataset(
+            open_data(data.val), data.num_views, data.size, data.depth_range, tuples_per_scene=1
+        )
+        return DataLoader(tuples, batch_size=1, collate_fn=collate)
+
+    def state_dict(self) -> dict:
+        assert self.trainer is not None
+        return {"next_sample": self.trainer.global_step * self.experiment.train.batch_size}
+
+    def load_state_dict(self, state_dict: dict) -> None:
+        self.next_sample = state_dict["next_sample"]
+
+
+def precision_of(name: str) -> str:
+    """Lightning's precision for "auto": bf16-mixed where the device multiplies it natively."""
+    if name != "auto":
+        return name
+    if torch.cuda.is_available():
+        return "bf16-mixed" if torch.cuda.is_bf16_supported() else "32-true"
+    capability = torch.backends.cpu.get_cpu_capability()
+    has_bf16 = capability == "AVX512" and torch.cpu._is_avx512_bf16_supported()
+    return "bf16-mixed" if has_bf16 else "32-true"
+
+
+def _trainer(
+    experiment: Experiment,
+    folder: Path,
+    devices: int,
+    num_nodes: int,
+    accelerator: str,
+    progress: bool,
+) -> Trainer:
+    config = experiment.train
+    every = ModelCheckpoint(
+        dirpath=folder,
+        filename="last",
+        every_n_train_steps=config.checkpoint_every,
+        save_top_k=1,
+        enable_version_counter=False,
+        save_on_train_epoch_end=False,
+    )
+    return Trainer(
+        accelerator=accelerator,
+        devices=devices,
+        num_nodes=num_nodes,
+        strategy="ddp" if devices * num_nodes > 1 else "auto",
+        precision=precision_of(config.precision),  # pyright: ignore[reportArgumentType]
+        max_steps=experiment.optimizer.steps,
+        max_epochs=-1,
+        gradient_clip_val=experiment.optimizer.gradient_clip,
+        val_check_interval=config.val_every,
+        check_val_every_n_epoch=None,
+        num_sanity_val_steps=0,
+        use_distributed_sampler=False,
+        callbacks=[every, LearningRateMonitor("step"), ValidationPictures()],
+        logger=[
+            TensorBoardLogger(folder, name="", version=""),
+            CSVLogger(folder, name="", version=""),
+        ],
+        log_every_n_steps=10,
+        enable_progress_bar=progress,
+        enable_model_summary=False,
+        default_root_dir=folder,
+    )
+
+
+def _check(experiment: Experiment, num_processes: int) -> None:
+    if experiment.train.batch_size % num_processes:
+        raise InputError(
+            f"run {experiment.name}: a batch of {experiment.train.batch_size} cannot be shared by "
+            f"{num_processes} processes; change --train.batch-size."
+        )
+    if experiment.data.references > experiment.data.num_views:
+        raise InputError(
+            f"run {experiment.name}: {experiment.data.references} references of "
+            f"{experiment.data.num_views} views; at most every view can serve once."
+        )
+
+
+def _silence_lightning() -> None:
+    """Advice that does not apply: the stream goes on exactly where it stopped."""
+    for text in (".*does not have many workers.*", ".*resuming from a checkpoint.*"):
+        warnings.filterwarnings("ignore", text)

@@ -1,0 +1,61 @@
+"""Every trained run, once. `mvsam train NAME` repeats it."""
+
+from dataclasses import replace
+
+from mvsam.data.stream import DataConfig
+from mvsam.errors import InputError
+from mvsam.experiments.config import Experiment, ModelConfig
+from mvsam.training.module import TrainConfig
+from mvsam.training.optim import OptimizerConfig
+
+_ROOMS = DataConfig(references=3, cache="cache/rooms")
+_HALF = replace(_ROOMS, size=(160, 128))
+
+_TINY_HALF = Experiment(
+    name="tiny_half",
+    about="First stage of `tiny`: half-size pictures, all three views as reference in turn.",
+    model=ModelConfig("tiny"),
+    data=_HALF,
+    optimizer=OptimizerConfig(steps=4000, gradient_clip=1.0),
+    train=TrainConfig(batch_size=4, val_every=400, checkpoint_every=200),
+)
+
+_RUNS = (
+    _TINY_HALF,
+    Experiment(
+        name="tiny",
+        about="Second stage of `tiny`, at the size it is used at; begins with `tiny_half`.",
+        model=ModelConfig("tiny", init="runs/tiny_half/model.safetensors"),
+        data=_ROOMS,
+        optimizer=OptimizerConfig(steps=1000, lr=4e-4, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=250, checkpoint_every=100),
+    ),
+    replace(
+        _TINY_HALF,
+        name="tiny_no_bridge_half",
+        about="`tiny_half` without its SAM->MVS bridge, at equal steps.",
+        model=ModelConfig("tiny_no_bridge"),
+    ),
+    replace(
+        _TINY_HALF,
+        name="cas_mvsnet_half",
+        about="CasMVSNet on the samples of `tiny_half`, at equal steps.",
+        model=ModelConfig("cas_mvsnet"),
+    ),
+    Experiment(
+        name="base_scannet",
+        about="The paper's full model with its own settings; needs ScanNet and SAM's weights. Not "
+        "run here.",
+        model=ModelConfig("base", tuned_blocks=3, sam_checkpoint="sam_vit_b_01ec64.pth"),
+        data=DataConfig(train="scannet/train", val="scannet/val", workers=4),
+        optimizer=OptimizerConfig(steps=86_324 * 16 // 8),
+    ),
+)
+RUNS = {run.name: run for run in _RUNS}
+
+
+def find_run(name: str) -> Experiment:
+    """The experiment of that name; InputError lists the names if there is none."""
+    if name not in RUNS:
+        raise InputError(f"unknown run '{name}'; runs: {', '.join(RUNS)}.")
+    return RUNS[name]

@@ -1,0 +1,94 @@
+"""The Lightning module: losses, optimiser and what is logged, for any `model(views)`."""
+
+from dataclasses import dataclass
+
+import torch
+from lightning import LightningModule
+from torch import Tensor, nn
+
+from mvsam.evaluation.evaluate import SceneScores, score_item
+from mvsam.evaluation.protocols import Protocol
+from mvsam.training.losses import LossConfig, joint_loss
+from mvsam.training.optim import OptimizerConfig, make_optimizer
+from mvsam.types import Prediction, Targets, Views
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How a run is driven; the optimiser and the loss have their own."""
+
+    batch_size: int = 8
+    """Samples a step, all processes together (Sec. 4.1: 8)."""
+    seed: int = 0
+    precision: str = "auto"
+    """Lightning's name, as 32-true or bf16-mixed; auto: bf16-mixed where the hardware has it."""
+    val_every: int = 1000
+    """Steps between looks at the validation scenes."""
+    checkpoint_every: int = 250
+    """Steps between checkpoints a killed run can go on from."""
+
+
+class TrainingModule(LightningModule):
+    """Wraps a model for training; the reference moves over the first views of each sample."""
+
+    def __init__(
+        self,
+        model: nn.Module,
+        loss: LossConfig,
+        optimizer: OptimizerConfig,
+        depth_range: tuple[float, float],
+    ):
+        super().__init__()
+        self.model = model
+        self.loss_config = loss
+        self.optimizer_config = optimizer
+        self.depth_range = depth_range
+
+    def training_step(self, batch: tuple[Views, list[Targets]], batch_index: int) -> Tensor:
+        """Mean of Eq. 4 over the references of the sample."""
+        views, targets = batch
+        losses = [
+            joint_loss(prediction, target, views.depth_range, self.loss_config)
+            for prediction, target in zip(
+                predict_references(self.model, views, len(targets)), targets, strict=True
+            )
+        ]
+        for name in losses[0]:
+            mean = torch.stack([parts[name] for parts in losses]).mean()
+            self.log(f"train/{name}", mean, prog_bar=True)
+        return torch.stack([parts["loss"] for parts in losses]).mean()
+
+    def on_validation_epoch_start(self) -> None:
+        self.scores = SceneScores()
+
+    def validation_step(self, batch: tuple[list[str], Views, Targets], batch_index: int) -> None:
+        _, views, targets = batch
+        size = (views.width, views.height)
+        protocol = Protocol("validation", size=size, depth_range=self.depth_range)
+        prediction = self.model(views)
+        for item in range(len(targets.depth)):
+            self.scores += score_item(prediction, targets, item, protocol)
+
+    def on_validation_epoch_end(self) -> None:
+        scores = self.scores.as_json()
+        for name in ("rel", "miou"):
+            if scores[name] is not None:
+                self.log(f"val/{name}", scores[name], prog_bar=True, sync_dist=True)
+
+    def configure_optimizers(self):  # pyright: ignore[reportIncompatibleMethodOverride]
+        optimizer, schedule = make_optimizer(self.model, self.optimizer_config)
+        return {
+            "optimizer": optimizer,
+            "lr_scheduler": {"scheduler": schedule, "interval": "step"},
+        }
+
+
+def predict_references(model: nn.Module, views: Views, num_references: int) -> list[Prediction]:
+    """Predictions for view 0, 1, ...; a model with `encode` and `decode` encodes only once."""
+    if num_references == 1:
+        return [model(views)]
+    features = model.encode(views)  # pyright: ignore[reportCallIssue]
+    return [
+        model.decode(features, views, reference)  # pyright: ignore[reportCallIssue]
+        for reference in range(num_references)
+    ]

@@ -1,0 +1,272 @@
+"""Weights in and out: safetensors beside a JSON page, the Hugging Face hub, SAM's own files.
+
+No file can run code: `.safetensors` holds numbers only, `.pth` and `.ckpt` are read with
+`weights_only=True`.
+"""
+
+import hashlib
+import json
+import os
+import pickle
+import re
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from mvsam.build import MODELS, build, model_spec
+from mvsam.errors import InputError
+from mvsam.model import MultiViewSAM
+
+ASSETS = Path(__file__).parent / "assets"
+HUB_WEIGHTS, HUB_PAGE = "model.safetensors", "model.json"
+
+
+@dataclass(frozen=True)
+class WeightsInfo:
+    """What a weights file says of itself: the JSON page beside it."""
+
+    model: str
+    """Name in `build.MODELS`."""
+    num_classes: int = 20
+    classes: tuple[str, ...] = ()
+    """Class names in order; empty for ScanNet's 20."""
+    palette: tuple[tuple[int, int, int], ...] = ()
+    depth_range: tuple[float, float] = (0.1, 5.0)
+    """Metres, as trained."""
+    input_size: tuple[int, int] = (320, 256)
+    """(width, height), pixels."""
+    training: dict[str, Any] = field(default_factory=dict)
+    """Run, steps, commit."""
+
+
+def embedded() -> list[str]:
+    """Names of the models whose weights come with the package."""
+    return sorted(path.stem for path in ASSETS.glob("*.safetensors"))
+
+
+def load(name: str) -> MultiViewSAM:
+    """A model with its weights, in evaluation mode, by embedded name, file path or hub id.
+
+    The model carries `info` (a `WeightsInfo`), `input_size` and `weights_hash`.
+    Raises InputError for an unknown name, a file that is missing, corrupt or of another model.
+    """
+    path, page = locate(name)
+    info = read_info(page)
+    options = {"tuned_blocks": 0} if _has_frozen_sam(info.model) else {}
+    model = build(info.model, info.num_classes, **options)
+    _load_strictly(model, read_tensors(path), path)
+    model.info = info  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
+    model.input_size = info.input_size  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
+    model.weights_hash = file_hash(path)  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
+    return layout_channels_last(model).eval()
+
+
+def from_pretrained(name: str) -> MultiViewSAM:
+    """`load` under the name Hugging Face users look for."""
+    return load(name)
+
+
+def locate(name: str) -> tuple[Path, Path]:
+    """The weights file and its page for a name, a path or a hub id (downloaded)."""
+    if (ASSETS / f"{name}.safetensors").exists():
+        return ASSETS / f"{name}.safetensors", ASSETS / f"{name}.json"
+    path = Path(name)
+    if path.is_dir() and (path / HUB_WEIGHTS).exists():
+        path = path / HUB_WEIGHTS
+    if path.suffix in (".safetensors", ".ckpt", ".pth"):
+        if not path.is_file():
+            raise InputError(f"{path}: no such weights file.")
+        return path, path.with_suffix(".json")
+    if name in MODELS:
+        raise InputError(
+            f"model '{name}' has no embedded weights (there are: {', '.join(embedded())}); train "
+            f"it with `mvsam train` or give the path of a weights file."
+        )
+    if re.fullmatch(r"[\w.-]+/[\w.-]+", name):
+        return _download(name)
+    model_spec(name)  # raises, with the nearest name
+    raise AssertionError
+
+
+def _download(repository: str) -> tuple[Path, Path]:
+    from huggingface_hub import hf_hub_download
+    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
+
+    try:
+        return tuple(Path(hf_hub_download(repository, f)) for f in (HUB_WEIGHTS, HUB_PAGE))  # pyright: ignore[reportReturnType]
+    except (HfHubHTTPError, LocalEntryNotFoundError, OSError) as error:
+        raise InputError(
+            f"{repository}: neither a file here nor to be had from the Hugging Face hub "
+            f"({type(error).__name__}); download {HUB_WEIGHTS} and {HUB_PAGE} and give the path."
+        ) from error
+
+
+def push_to_hub(folder: Path, repository: str, private: bool = False) -> str:
+    """Uploads `model.safetensors` and `model.json` of a run's folder; returns the page's address.
+
+    Needs a login (`hf auth login`).
+    """
+    from huggingface_hub import HfApi
+
+    for name in (HUB_WEIGHTS, HUB_PAGE):
+        if not (folder / name).is_file():
+            raise InputError(f"{folder / name} is missing: give the folder of a finished run.")
+    api = HfApi()
+    api.create_repo(repository, private=private, exist_ok=True)
+    return str(
+        api.upload_folder(
+            repo_id=repository, folder_path=folder, allow_patterns=[HUB_WEIGHTS, HUB_PAGE]
+        )
+    )
+
+
+def save(
+    model: nn.Module,
+    path: Path,
+    name: str,
+    depth_range: tuple[float, float] = (0.1, 5.0),
+    training: dict[str, Any] | None = None,
+    half: bool = False,
+    classes: tuple[str, ...] = (),
+    palette: tuple[tuple[int, int, int], ...] = (),
+) -> None:
+    """Writes `path` (.safetensors) and its page; `half` keeps float16, exact to 0.05 %."""
+    tensors = {
+        key: (value.half() if half and value.is_floating_point() else value).contiguous().cpu()
+        for key, value in model.state_dict().items()
+    }
+    info = WeightsInfo(
+        model=name,
+        num_classes=getattr(getattr(model, "decoder", None), "num_classes", 20),
+        classes=classes,
+        palette=palette,
+        depth_range=depth_range,
+        input_size=model_spec(name).input_size,
+        training=training or {},
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(f".{os.getpid()}.tmp")
+    save_file(tensors, temporary)
+    temporary.replace(path)
+    path.with_suffix(".json").write_text(json.dumps(asdict(info), indent=2) + "\n")
+
+
+def read_info(page: Path) -> WeightsInfo:
+    """The JSON page of a weights file; InputError if it is missing or not one."""
+    try:
+        content = json.loads(page.read_text())
+        content = {key: _as_tuples(value) for key, value in content.items()}
+        info = WeightsInfo(**content)
+    except FileNotFoundError as error:
+        raise InputError(f"{page} is missing: it belongs beside the weights.") from error
+    except (ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"{page} is not a page of mvsam weights ({error}).") from error
+    model_spec(info.model)
+    return info
+
+
+def _as_tuples(value: Any) -> Any:
+    return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Named float32 tensors of a weights file; InputError if it is corrupt or could run code."""
+    try:
+        if path.suffix == ".safetensors":
+            tensors = load_file(path)
+        else:
+            tensors = _model_entries(torch.load(path, map_location="cpu", weights_only=True))
+    except (SafetensorError, pickle.UnpicklingError, RuntimeError, EOFError, OSError) as error:
+        raise InputError(
+            f"{path}: not a readable weights file (truncated, corrupt, or it holds more than "
+            f"numbers): {type(error).__name__}."
+        ) from error
+    return {k: v.float() if v.is_floating_point() else v for k, v in tensors.items()}
+
+
+def _model_entries(checkpoint: Any) -> dict[str, Tensor]:
+    """The tensors of a plain state dict, or those of the model in a Lightning checkpoint."""
+    if isinstance(checkpoint, dict) and "state_dict" in checkpoint:
+        entries = checkpoint["state_dict"]
+        return {k.removeprefix("model."): v for k, v in entries.items() if k.startswith("model.")}
+    if isinstance(checkpoint, dict) and all(isinstance(v, Tensor) for v in checkpoint.values()):
+        return checkpoint
+    raise pickle.UnpicklingError("no tensors by name")
+
+
+def load_into(model: MultiViewSAM, name: str) -> list[str]:
+    """Starts `model` from other weights; returns the entries that find none of their shape."""
+    path, _ = locate(name)
+    given, own = read_tensors(path), model.state_dict()
+    fitting = {k: v for k, v in given.items() if k in own and v.shape == own[k].shape}
+    if not fitting:
+        raise InputError(f"{path}: none of its weights fits this model.")
+    model.load_state_dict(fitting, strict=False)
+    return sorted(set(own) - set(fitting))
+
+
+def load_sam(model: MultiViewSAM, path: str | Path) -> None:
+    """Loads SAM's released `sam_vit_b_*.pth`: every image encoder key, and the position matrix.
+
+    Other keys (SAM's prompt encoder and mask decoder) are ignored by name; a missing, unknown or
+    misshapen `image_encoder.*` key is an InputError.
+    """
+    path = Path(path)
+    encoder = model.semantic_encoder
+    if encoder is None:
+        raise InputError("this model has no SAM encoder to load weights into.")
+    if not path.is_file():
+        raise InputError(
+            f"{path} is missing: fetch sam_vit_b_01ec64.pth from the segment-anything project's "
+            "page and give its path."
+        )
+    tensors = read_tensors(path)
+    prefix = "image_encoder."
+    released = {
+        k.removeprefix(prefix).replace("mlp.lin", "mlp.fc"): v
+        for k, v in tensors.items()
+        if k.startswith(prefix)
+    }
+    _load_strictly(encoder.backbone, released, path)
+    matrix = tensors.get("prompt_encoder.pe_layer.positional_encoding_gaussian_matrix")
+    position = getattr(model.decoder, "position", None)
+    if position is not None:
+        if matrix is None or matrix.shape != position.gaussian.shape:
+            raise InputError(f"{path}: SAM's positional matrix is missing or of another size.")
+        position.gaussian.copy_(matrix)
+
+
+def _load_strictly(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
+    own = module.state_dict()
+    missing, unknown = sorted(set(own) - set(tensors)), sorted(set(tensors) - set(own))
+    misshapen = sorted(k for k in set(own) & set(tensors) if own[k].shape != tensors[k].shape)
+    problems = {"missing": missing, "unknown": unknown, "of another shape": misshapen}
+    said = [f"{len(v)} {k} (first: {v[0]})" for k, v in problems.items() if v]
+    if said:
+        raise InputError(f"{path} does not fit this model: {'; '.join(said)}.")
+    module.load_state_dict(tensors)
+
+
+def _has_frozen_sam(name: str) -> bool:
+    return name not in ("cas_mvsnet",) and not name.startswith("tiny")
+
+
+def file_hash(path: Path) -> str:
+    """First 16 digits of the file's SHA-256."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+
+
+def layout_channels_last(model: MultiViewSAM) -> MultiViewSAM:
+    """The same model, convolution weights in channels-last order: faster on CPUs and GPUs."""
+    for module in model.modules():
+        if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
+            module.to(memory_format=torch.channels_last)
+        elif isinstance(module, nn.Conv3d | nn.ConvTranspose3d):
+            module.to(memory_format=torch.channels_last_3d)
+    return model
