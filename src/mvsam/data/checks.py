@@ -8,6 +8,9 @@ from mvsam.errors import InputError
 RIGID_TOLERANCE = 1e-2
 """Largest entry of R^T R - I; files that keep four digits stay far below."""
 
+FARTHEST_CAMERA = 10_000.0
+"""Metres from the origin."""
+
 
 def check_intrinsics(matrix: Float[np.ndarray, "3 3"], size: tuple[int, int], item: str) -> None:
     """Raise unless `matrix` is a pinhole calibration of a picture of this (width, height)."""
@@ -48,6 +51,11 @@ def check_pose(matrix: Float[np.ndarray, "4 4"], item: str) -> None:
             "write [R t; 0 0 0 1], camera to world, row by row."
         )
     _check_rotation(matrix[:3, :3], item)
+    if (distance := np.abs(matrix[:3, 3]).max()) > FARTHEST_CAMERA:
+        raise InputError(
+            f"{item}: the camera is {distance:.0f} m from the origin, where single precision loses "
+            "millimetres; subtract one offset from all poses, or convert them to metres."
+        )
 
 
 def _check_rotation(rotation: Float[np.ndarray, "3 3"], item: str) -> None:

@@ -28,27 +28,41 @@ def view_tuples(
     """(the tuples to predict, the names of frames skipped because no other frame overlaps them).
 
     A scene that prescribes tuples keeps them, cut to `num_views`; otherwise every frame is a
-    reference. Raises `InputError` when no tuple is left.
+    reference, with the sources of `rank_sources`. Raises `InputError` when no tuple is left.
     """
     if num_views < 2:
         raise InputError(f"{num_views} views do not make a stereo tuple; ask for 2 or more.")
-    if (prescribed := scene.views()) is not None:
-        return [views[:num_views] for views in prescribed], []
     if len(scene) < 2:
         raise InputError(
             f"{scene.name}: depth needs at least two posed photos, found {len(scene)}; add more."
         )
     frames = [scene.frame(index) for index in range(len(scene))]
-    tuples, skipped = rank_sources(frames, depth_range, num_views, minimum_baseline)
+    if (prescribed := scene.views()) is not None:
+        cut = [views[:num_views] for views in prescribed]
+        tuples, skipped = _drop_blind(frames, cut, depth_range)
+    else:
+        tuples, skipped = rank_sources(frames, depth_range, num_views, minimum_baseline)
     if not tuples:
         advice = pose_convention_hint(frames, depth_range) or (
             "check that the poses are camera-to-world and in metres."
         )
         raise InputError(
-            f"{scene.name}: no photo overlaps another between {depth_range[0]:g} and "
+            f"{scene.name}: no photo overlaps its sources between {depth_range[0]:g} and "
             f"{depth_range[1]:g} m; {advice}"
         )
     return tuples, skipped
+
+
+def _drop_blind(
+    frames: Sequence[Frame], tuples: Sequence[ViewTuple], depth_range: DepthRange
+) -> tuple[list[ViewTuple], list[str]]:
+    """Leaves out prescribed tuples in which no source sees anything of the reference."""
+    shared = frustum_overlap(Cameras.of(frames), depth_range)
+    sees = [shared[views[0], list(views[1:])].any() for views in tuples]
+    kept = [views for views, is_seen in zip(tuples, sees, strict=True) if is_seen]
+    return kept, [
+        frames[views[0]].name for views, is_seen in zip(tuples, sees, strict=True) if not is_seen
+    ]
 
 
 def rank_sources(
