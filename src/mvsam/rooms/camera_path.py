@@ -3,12 +3,14 @@
 import numpy as np
 from jaxtyping import Float
 
-from .classes import CLUTTER, FLOOR
+from .classes import CABINET, CLUTTER, CURTAIN, DOOR, FLOOR, PICTURE, WINDOW
 from .dice import Dice
 from .mesh import rotation_about
 from .render import Camera
 from .room import Room
 
+WALL_THINGS = (DOOR, WINDOW, PICTURE, CURTAIN, CABINET)
+_ATTEMPTS = 1500
 CLEARANCE = 0.4
 """No surface comes closer to the camera, metres."""
 
@@ -57,26 +59,30 @@ def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int
     """Poses of neighbouring views: 5-20 cm apart, turning a little, never near a surface."""
     lens = intrinsics(dice, width, height)
     best, best_score = None, -np.inf
-    wanted = _rare_point(room, dice) if dice.chance(0.75) else None
-    for attempt in range(120):
-        poses = _wander(room, dice, num_frames, wanted, 0.6 if attempt > 60 else 1.0)
+    wanted = _rare_point(room, dice) if dice.chance(0.85) else None
+    for attempt in range(_ATTEMPTS):
+        crowded = attempt > 80
+        target, scale = (None, 0.4) if crowded else (wanted, 1.0)
+        poses = _wander(room, dice, num_frames, target, scale)
         if poses is None:
             continue
         score = _interest(room, lens, poses, width, height) + dice.uniform(0, 0.4)
         if score > best_score:
             best, best_score = poses, score
-        if attempt > 24 and best is not None:
+        if attempt > 40 and best is not None:
             break
     assert best is not None, "no free place for the camera in this room"
     return [Camera(lens, pose, width, height) for pose in best]
 
 
 def _rare_point(room: Room, dice: Dice) -> np.ndarray:
-    """A place on some thing; every class in the room has the same chance."""
+    """A place on some thing; classes that hang on every wall come less often."""
     classes = [label for label in np.unique(room.labels) if FLOOR < label < CLUTTER]
     if not classes:
         return room.triangles[:, 0].mean(axis=0)
-    chosen = np.flatnonzero(room.labels == dice.pick(classes))
+    common = (WALL_THINGS.count(label) for label in classes)
+    label = classes[dice.weighted([0.25 if is_common else 1.0 for is_common in common])]
+    chosen = np.flatnonzero(room.labels == label)
     return room.triangles[dice.pick(chosen)].mean(axis=0).astype(np.float64)
 
 
@@ -87,10 +93,10 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: float):
     if wanted is not None:
         away = wanted - start
         distance = float(np.hypot(away[0], away[1]))
-        if not 0.7 < distance < 3.5:
+        if not 1.0 < distance < 3.8:
             return None
         yaw = float(np.degrees(np.arctan2(away[1], away[0]))) + dice.uniform(-14, 14)
-        pitch = float(np.degrees(np.arctan2(away[2], distance))) + dice.uniform(-8, 10)
+        pitch = float(np.degrees(np.arctan2(away[2], distance))) + dice.uniform(-12, 8)
         pitch = float(np.clip(pitch, -35, 5))
     heading = np.radians(yaw + dice.pick([-90, 90, 60, -60, 120, -120, 0]) + dice.uniform(-25, 25))
     direction = np.array([np.cos(heading), np.sin(heading), dice.uniform(-0.3, 0.3)])
@@ -112,7 +118,7 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: float):
 def _stand(room: Room, dice: Dice) -> np.ndarray:
     left, front, right, back = room.footprint[dice.count(0, len(room.footprint) - 1)]
     x, y = dice.uniform(left + 0.4, right - 0.4), dice.uniform(front + 0.4, back - 0.4)
-    return np.array([x, y, dice.uniform(1.0, 1.75)])
+    return np.array([x, y, dice.uniform(1.05, 1.75)])
 
 
 def _interest(room: Room, lens, poses, width: int, height: int) -> float:
@@ -125,5 +131,6 @@ def _interest(room: Room, lens, poses, width: int, height: int) -> float:
     share = np.bincount(labels, minlength=256) / len(labels)
     seen = np.minimum(share[FLOOR + 1 : CLUTTER] / 0.05, 1).sum()
     near = (hits.distance < 0.7).mean() + max(0.0, (hits.distance > 5).mean() - 0.1)
-    plain = max(0.0, share[:2].sum() - 0.55) + max(0.0, share[CLUTTER] - 0.25)
-    return float(0.3 * seen - 3 * near - 2.5 * plain)
+    plain = max(0.0, share[:2].sum() - 0.45) + max(0.0, share[CLUTTER] - 0.2)
+    breadth = min(float(np.median(hits.distance)), 2.4)
+    return float(0.35 * seen - 3 * near - 2.5 * plain + 0.35 * breadth)

@@ -13,7 +13,7 @@ from .plan import Plan
 from .room import Light, Piece, Room
 
 KINDS = ("living", "bedroom", "kitchen", "bathroom", "office", "dining", "mixed")
-_SHARES = (0.16, 0.17, 0.19, 0.22, 0.12, 0.07, 0.07)
+_SHARES = (0.22, 0.14, 0.19, 0.22, 0.11, 0.05, 0.07)
 """Small rare things live in kitchens and bathrooms, so these come more often than in homes."""
 
 
@@ -48,7 +48,9 @@ def _shell(dice: Dice, kind: str) -> Plan:
         rectangles = [(0.0, 0.0, width, length - deep), (0.0, length - deep, width - notch, length)]
     elif shape < 0.35:
         left = dice.uniform(0.1, 0.4) * width
-        rectangles.append((left, length, left + dice.uniform(0.4, 0.5) * width, length + dice.uniform(0.4, 1.0)))
+        rectangles.append(
+            (left, length, left + dice.uniform(0.4, 0.5) * width, length + dice.uniform(0.4, 1.0))
+        )
     return Plan(rectangles, height)
 
 
@@ -57,8 +59,10 @@ def _doors(dice: Dice, plan: Plan, ground: m.Material, paint: m.Material) -> Non
         w, h = dice.uniform(0.76, 0.95), min(dice.uniform(1.98, 2.1), plan.height - 0.12)
         spot = plan.cut(dice, w, 0.0, h, 0.95)
         if spot:
-            wall, along = spot
-            plan.piece.place(wall_items.door(dice, w, h, ground, paint), wall.angle_deg, *wall.point(along))
+            wall, along, _ = spot
+            plan.piece.place(
+                wall_items.door(dice, w, h, ground, paint), wall.angle_deg, *wall.point(along)
+            )
 
 
 def _windows(dice: Dice, plan: Plan, kind: str, daylight: float) -> float:
@@ -66,20 +70,25 @@ def _windows(dice: Dice, plan: Plan, kind: str, daylight: float) -> float:
     total = 0.0
     for _ in range(dice.pick([1, 1, 2, 2] if kind != "bathroom" else [0, 1, 1])):
         w = dice.uniform(0.5, 0.9) if kind == "bathroom" else dice.uniform(0.8, 2.0)
-        sill = dice.uniform(1.05, 1.35) if kind in ("bathroom", "kitchen") else dice.uniform(0.45, 1.0)
+        sill = (
+            dice.uniform(1.05, 1.35) if kind in ("bathroom", "kitchen") else dice.uniform(0.45, 1.0)
+        )
         top = min(plan.height - 0.2, dice.uniform(1.95, 2.3))
         spot = plan.cut(dice, w, sill, top, 0.08)
         if not spot:
             continue
-        wall, along = spot
+        wall, along, reserved = spot
         total += daylight * w * (top - sill)
         glazed = wall_items.window(dice, w, top - sill, daylight)
         plan.piece.place(glazed, wall.angle_deg, *wall.point(along), sill)
         if dice.chance(0.75 if kind != "bathroom" else 0.25):
             rod = min(top + 0.14, plan.height - 0.03)
-            plan.put(wall_items.curtains(dice, w, sill, rod), wall.angle_deg, *wall.point(along, 0.01))
+            cloth = wall_items.curtains(dice, w, sill, rod)
+            plan.put(cloth, wall.angle_deg, *wall.point(along, 0.01), over=reserved)
         elif dice.chance(0.4) and sill > 0.75:
-            plan.put(wall_items.radiator(dice), wall.angle_deg, *wall.point(along, 0.01))
+            plan.put(
+                wall_items.radiator(dice), wall.angle_deg, *wall.point(along, 0.01), over=reserved
+            )
     return total
 
 
@@ -91,7 +100,9 @@ def _try(dice: Dice, plan: Plan, maker: Callable[[Dice], Piece], chance: float, 
 
 
 def _living(dice: Dice, plan: Plan) -> None:
-    spot = plan.at_wall(dice, seating.sofa(dice), front=0.0, gap=0.04)
+    spot = next(
+        (s for _ in range(4) if (s := plan.at_wall(dice, seating.sofa(dice), gap=0.04))), None
+    )
     if spot:
         wall, along = spot
         low = tables.coffee_table(dice)
@@ -133,6 +144,7 @@ def _bedroom(dice: Dice, plan: Plan) -> None:
     _try(dice, plan, storage.drawers, 0.6, front=0.3)
     _try(dice, plan, tables.desk_set, 0.5)
     _try(dice, plan, storage.bookshelf, 0.4, front=0.3)
+    _try(dice, plan, seating.sofa, 0.2)
     _try(dice, plan, seating.bench, 0.2)
     _try(dice, plan, seating.ottoman, 0.25)
     _try(dice, plan, seating.chair, 0.3)
@@ -160,11 +172,15 @@ def _run(dice: Dice, plan: Plan, upper: bool):
     """The longest kitchen run that fits, with free floor before it."""
     for width in (dice.uniform(2.2, 3.2), dice.uniform(1.8, 2.4), dice.uniform(1.3, 1.8), 1.1):
         spot = plan.at_wall(
-            dice, kitchen.kitchen_run(dice, width, upper), gap=0.002, front=1.35, corner=dice.chance(0.7)
+            dice,
+            kitchen.kitchen_run(dice, width, upper),
+            gap=0.002,
+            front=0.95,
+            corner=dice.chance(0.7),
         )
         if spot:
             return (*spot, width)
-        lower = plan.at_wall(dice, kitchen.kitchen_run(dice, width, False), gap=0.002, front=1.35)
+        lower = plan.at_wall(dice, kitchen.kitchen_run(dice, width, False), gap=0.002, front=0.95)
         if lower:
             return (*lower, width)
     return None
@@ -183,16 +199,16 @@ def _beside(dice: Dice, plan: Plan, run, thing: Piece) -> bool:
 
 def _bathroom(dice: Dice, plan: Plan) -> None:
     for _ in range(3):
-        if plan.at_wall(dice, bathroom.tub_set(dice), gap=0.003, corner=True, front=1.1):
+        if plan.at_wall(dice, bathroom.tub_set(dice), gap=0.003, corner=True, front=0.55):
             break
     basin = bathroom.washbasin(dice)
-    spot = plan.at_wall(dice, basin, gap=0.003, front=0.8, tries=25)
+    spot = plan.at_wall(dice, basin, gap=0.003, front=0.55, tries=40)
     if spot:
         wall, along = spot
         if dice.chance(0.85):
             plan.put(bathroom.washstand_mirror(dice), wall.angle_deg, *wall.point(along, 0.01), 1.2)
     for _ in range(2):
-        if plan.at_wall(dice, bathroom.toilet(dice), gap=0.003, front=0.9, tries=25):
+        if plan.at_wall(dice, bathroom.toilet(dice), gap=0.003, front=0.5, tries=60):
             break
     _try(dice, plan, storage.washer, 0.25, front=0.4)
     _try(dice, plan, storage.tall_cabinet, 0.3, front=0.3)
@@ -214,7 +230,7 @@ def _office(dice: Dice, plan: Plan) -> None:
     _try(dice, plan, storage.coat_rack, 0.3, corner=True)
     if dice.chance(0.45):
         plan.in_middle(dice, tables.office_table(dice))
-    _try(dice, plan, seating.sofa, 0.2)
+    _try(dice, plan, seating.sofa, 0.4)
     _try(dice, plan, storage.refrigerator, 0.15, front=0.3)
     board = wall_items.whiteboard(dice)
     if dice.chance(0.5):
@@ -267,7 +283,9 @@ def _wall_decoration(dice: Dice, plan: Plan, kind: str) -> None:
 
 def _floor_clutter(dice: Dice, plan: Plan) -> None:
     for _ in range(dice.count(1, 6)):
-        plan.at_wall(dice, dice.pick(clutter.FLOOR_THINGS)(dice), gap=dice.uniform(0.02, 0.15), tries=6)
+        plan.at_wall(
+            dice, dice.pick(clutter.FLOOR_THINGS)(dice), gap=dice.uniform(0.02, 0.15), tries=6
+        )
     if dice.chance(0.3):
         plan.at_wall(dice, clutter.plant(dice, dice.uniform(0.8, 1.5)), corner=True, gap=0.15)
     if dice.chance(0.35):
@@ -293,11 +311,22 @@ def _ceiling_lamp(dice: Dice, kind: str, height: float, power: float, warm) -> P
     piece, drop = Piece(), 0.07
     if office:
         w, d = dice.pick([(1.2, 0.3), (0.6, 0.6), (1.2, 0.15)])
-        piece.add(CLUTTER, m.plain(m.WHITE), box((-w / 2, -d / 2, height - 0.06), (w / 2, d / 2, height)))
-        piece.add(CLUTTER, glow, box((-w / 2.1, -d / 2.2, height - 0.065), (w / 2.1, d / 2.2, height - 0.06)))
+        piece.add(
+            CLUTTER, m.plain(m.WHITE), box((-w / 2, -d / 2, height - 0.06), (w / 2, d / 2, height))
+        )
+        piece.add(
+            CLUTTER,
+            glow,
+            box((-w / 2.1, -d / 2.2, height - 0.065), (w / 2.1, d / 2.2, height - 0.06)),
+        )
     elif dice.chance(0.6) or kind == "bathroom":
         w = d = dice.uniform(0.28, 0.45)
-        dome = [(0.001, height - 0.1), (w / 3, height - 0.085), (w / 2, height - 0.03), (w / 2, height)]
+        dome = [
+            (0.001, height - 0.1),
+            (w / 3, height - 0.085),
+            (w / 2, height - 0.03),
+            (w / 2, height),
+        ]
         piece.add(CLUTTER, glow, lathe(dome, 18))
         drop = 0.11
     else:
@@ -305,9 +334,15 @@ def _ceiling_lamp(dice: Dice, kind: str, height: float, power: float, warm) -> P
         drop = dice.uniform(0.35, 0.6)
         cord = box((-0.006, -0.006, height - drop), (0.006, 0.006, height))
         piece.add(CLUTTER, m.plain(m.BLACK), cord)
-        bell = [(w / 2, height - drop - 0.02), (w / 2.4, height - drop + 0.08), (0.03, height - drop + 0.18)]
+        bell = [
+            (w / 2, height - drop - 0.02),
+            (w / 2.4, height - drop + 0.08),
+            (0.03, height - drop + 0.18),
+        ]
         piece.add(CLUTTER, dice.pick([m.plain(m.WHITE), clutter.bright(dice)]), lathe(bell, 18))
-        disc = prism(rounded_outline(w * 0.8, w * 0.8, w * 0.39), height - drop, height - drop + 0.005)
+        disc = prism(
+            rounded_outline(w * 0.8, w * 0.8, w * 0.39), height - drop, height - drop + 0.005
+        )
         piece.add(CLUTTER, glow, disc)
         drop += 0.03
     if power:
@@ -339,7 +374,11 @@ def _enclose(dice: Dice, plan: Plan, ground: m.Material, paint: m.Material) -> N
 
 
 def _skirting(plan: Plan, wall, tall: float, trim: m.Material) -> None:
-    edges = [0.0, *(v for a, b, low, _ in sorted(wall.holes) if low == 0 for v in (a - 0.07, b + 0.07)), wall.length]
+    edges = [
+        0.0,
+        *(v for a, b, low, _ in sorted(wall.holes) if low == 0 for v in (a - 0.07, b + 0.07)),
+        wall.length,
+    ]
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         if end - start > 0.02:
             board = box((start, 0, 0), (end, 0.012, tall)).turned(wall.angle_deg)

@@ -67,7 +67,7 @@ def _openness(room, start, normal, phase, samples: int) -> np.ndarray:
             + np.sqrt(1 - height)[:, None] * normal
         ).astype(np.float32)
         # Light from above is brighter than light off the floor.
-        free += np.where(room.blocked(start, direction, reach), 0.3, 0.92 + 0.25 * direction[:, 2])
+        free += np.where(room.blocked(start, direction, reach), 0.3, 1.0 + 0.15 * direction[:, 2])
     return free / samples
 
 

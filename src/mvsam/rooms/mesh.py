@@ -261,9 +261,7 @@ def loft(
         )
     skin = grid_surface(points)
     area = np.linalg.norm(
-        np.cross(
-            skin.corners[:, 1] - skin.corners[:, 0], skin.corners[:, 2] - skin.corners[:, 0]
-        ),
+        np.cross(skin.corners[:, 1] - skin.corners[:, 0], skin.corners[:, 2] - skin.corners[:, 0]),
         axis=1,
     )
     keep = area > 1e-9

@@ -12,8 +12,7 @@ from .room import Piece
 
 @dataclass
 class Wall:
-    """A straight wall; seen from inside it runs from its start to the left... or right: along
-    `direction`, with the room on the left-hand side."""
+    """A straight wall that runs from `start` along `direction` with the room on its left."""
 
     start: Float[np.ndarray, "2"]
     direction: Float[np.ndarray, "2"]
@@ -69,17 +68,24 @@ class Plan:
             for y in (low[1], high[1])
         )
 
-    def free(self, low: np.ndarray, high: np.ndarray) -> bool:
-        return not any((low < b - 0.01).all() and (high > a + 0.01).all() for a, b in self._taken)
+    def free(self, low: np.ndarray, high: np.ndarray, over: np.ndarray | None = None) -> bool:
+        """Whether a box touches nothing; `over` is the low corner of a reservation to disregard."""
+        return not any(
+            a is not over and (low < b - 0.01).all() and (high > a + 0.01).all()
+            for a, b in self._taken
+        )
 
     def reserve(self, low: np.ndarray, high: np.ndarray) -> None:
         self._taken.append((low, high))
 
-    def put(self, thing: Piece, angle_deg: float, x: float, y: float, z: float = 0.0) -> bool:
-        """Place a thing where it is given if it fits there."""
+    def put(
+        self, thing: Piece, angle_deg: float, x: float, y: float, z: float = 0.0,
+        over: np.ndarray | None = None,
+    ) -> bool:  # fmt: skip
+        """Place a thing where it is given if it fits there; `over` as in `free`."""
         placed = Piece().place(thing, angle_deg, x, y, z)
         low, high = placed.bounds()
-        if not self.inside(low, high) or high[2] > self.height or not self.free(low, high):
+        if not self.inside(low, high) or high[2] > self.height or not self.free(low, high, over):
             return False
         self.reserve(low, high)
         self.piece.place(placed)
@@ -87,7 +93,7 @@ class Plan:
 
     def at_wall(
         self, dice: Dice, thing: Piece, z: float = 0.0, gap: float = 0.01, front: float = 0.0,
-        corner: bool = False, tries: int = 14,
+        corner: bool = False, tries: int = 26,
     ) -> "tuple[Wall, float] | None":  # fmt: skip
         """Put a thing's back against some wall; `front` metres before it are kept free.
 
@@ -127,19 +133,21 @@ class Plan:
         return False
 
     def cut(self, dice: Dice, w: float, low: float, high: float, depth: float, tries: int = 12):
-        """Cut a hole into a wall with `depth` metres before it kept free; (wall, along) or None."""
+        """Cut a hole into a wall with `depth` metres before it kept free; (wall, along, reservation) or None."""
         for _ in range(tries):
             wall = self.walls[dice.weighted([w.length for w in self.walls])]
             if wall.length < w + 0.5:
                 continue
             along = dice.uniform(w / 2 + 0.22, wall.length - w / 2 - 0.22)
-            ends = np.stack([wall.point(along - w / 2 - 0.1, -0.02), wall.point(along + w / 2 + 0.1, depth)])
+            ends = np.stack(
+                [wall.point(along - w / 2 - 0.1, -0.02), wall.point(along + w / 2 + 0.1, depth)]
+            )
             box_low = np.array([*ends.min(axis=0), low])
             box_high = np.array([*ends.max(axis=0), high + 0.05])
             if self.free(box_low, box_high):
                 self.reserve(box_low, box_high)
                 wall.holes.append((along - w / 2, along + w / 2, low, high))
-                return wall, along
+                return wall, along, box_low
         return None
 
 

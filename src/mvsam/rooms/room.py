@@ -8,8 +8,9 @@ from jaxtyping import Float, Int, UInt8
 from mvsam.errors import MissingExtraError
 
 from .materials import Color, Material
-from .mesh import Soup
+from .mesh import Soup, rotation_about
 from .textures import MaterialTable, material_table
+
 
 @dataclass
 class Piece:
@@ -50,8 +51,6 @@ class Light:
     """Irradiance at one metre, linear RGB."""
 
     def placed(self, angle_deg: float, offset: Float[np.ndarray, "3"]) -> "Light":
-        from .mesh import rotation_about
-
         turn = rotation_about("z", angle_deg)
         return Light(
             turn @ self.center + offset, turn @ self.half_u, turn @ self.half_v,

@@ -236,6 +236,7 @@ def _painting(h: _Hits) -> np.ndarray:
         distance = np.hypot((h.u - centre_u) * (0.6 + _unit(key)), h.v - centre_v) + wobble
         inside = np.clip((size + 0.1 - distance) * 40, 0, 1)
         tint = np.stack([_unit(key * k + 0.1) for k in (6.1, 8.9, 9.7)], 1) ** 1.6
+        tint = tint.mean(axis=1, keepdims=True) * 0.4 + tint * 0.6
         color = color + (tint - color) * inside[:, None]
     stroke = _noise(h.u * 40 + h.seed, h.v * 25) - 0.5
     return color * (1 + 0.3 * stroke * h.contrast)[:, None]

@@ -5,10 +5,10 @@ import numpy as np
 from .. import materials as m
 from ..classes import BATHTUB, CABINET, CLUTTER, SHOWER_CURTAIN, SINK, TOILET
 from ..dice import Dice
-from ..mesh import box, cushion, cylinder, loft, rounded_outline, sheet, tapered, tube
+from ..mesh import Soup, box, cushion, cylinder, loft, rounded_outline, sheet, tapered, tube
 from ..room import Piece
 from .kitchen import basin, tap
-from .storage import fronts
+from .storage import fronts, open_carcass
 
 
 def toilet(dice: Dice) -> Piece:
@@ -34,8 +34,12 @@ def toilet(dice: Dice) -> Piece:
     seat_cover = white if dice.chance(0.85) else m.wood(dice)
     piece.add(TOILET, seat_cover, loft(egg, inner).moved(y=middle))
     if not shut:
-        lid = loft(egg, [(0.001, 0.001, 0, 0), (1, 1, 0, 0), (1, 1, 0, 0.02), (0.001, 0.001, 0, 0.022)])
-        piece.add(TOILET, seat_cover, lid.moved(y=0.22).turned(98, "x").moved(y=back + 0.02, z=seat))
+        lid = loft(
+            egg, [(0.001, 0.001, 0, 0), (1, 1, 0, 0), (1, 1, 0, 0.02), (0.001, 0.001, 0, 0.022)]
+        )
+        piece.add(
+            TOILET, seat_cover, lid.moved(y=0.22).turned(98, "x").moved(y=back + 0.02, z=seat)
+        )
     high = seat + dice.uniform(0.3, 0.42)
     tank = cushion((-w * 0.56, 0.01, seat - 0.06), (w * 0.56, back, high), 0.12, 7)
     lid = box((-w * 0.58, 0.005, high - 0.03), (w * 0.58, back + 0.012, high))
@@ -52,9 +56,22 @@ def _vanity(dice: Dice) -> Piece:
     """A cabinet with a basin let into its top."""
     w, d, h = dice.uniform(0.6, 1.2), dice.uniform(0.45, 0.52), dice.uniform(0.78, 0.86)
     shell = m.board(dice)
-    piece = Piece().add(CABINET, shell, box((-w / 2, 0, 0.08), (w / 2, d - 0.02, h - 0.03)))
+    piece = Piece()
+    open_carcass(piece, CABINET, shell, (-w / 2, 0, 0.08), (w / 2, d - 0.02, h - 0.03), h - 0.22)
     piece.add(CABINET, m.plain(m.BLACK), box((-w / 2, 0, 0), (w / 2, d - 0.06, 0.08)))
-    fronts(dice, piece, CABINET, shell, -w / 2, w / 2, d - 0.02, 0.09, h - 0.04, max(1, round(w / 0.45)), 1)
+    fronts(
+        dice,
+        piece,
+        CABINET,
+        shell,
+        -w / 2,
+        w / 2,
+        d - 0.02,
+        0.09,
+        h - 0.04,
+        max(1, round(w / 0.45)),
+        1,
+    )
     top, sw, sd, y = m.stone(dice) if dice.chance(0.5) else m.ceramic(dice), 0.42, 0.3, d * 0.54
     for low, high in [
         ((-w / 2, 0), (-sw / 2, d)), ((sw / 2, 0), (w / 2, d)), ((-sw / 2, 0), (sw / 2, y - sd / 2)),
@@ -122,7 +139,7 @@ def tub_set(dice: Dice) -> Piece:
     piece = bathtub(dice)
     (left, _, _), (right, front, _) = piece.bounds()
     if dice.chance(0.85):
-        piece.place(shower_curtain(dice, right - left), 0, 0, front - 0.06)
+        piece.place(shower_curtain(dice, right - left), 0, 0, front + 0.075)
     bottles = [dice.uniform(-0.5, 0.5) for _ in range(dice.count(0, 3))]
     for x in bottles:
         shape = cylinder(0.03, 0, dice.uniform(0.12, 0.2), 8)
@@ -132,7 +149,9 @@ def tub_set(dice: Dice) -> Piece:
 
 
 def _rim(piece: Piece) -> float:
-    return max(float(s.corners[..., 2].max()) for s, label, _ in piece.parts[:4] if label == BATHTUB)
+    return max(
+        float(s.corners[..., 2].max()) for s, label, _ in piece.parts[:4] if label == BATHTUB
+    )
 
 
 def shower_curtain(dice: Dice, w: float) -> Piece:
@@ -141,10 +160,14 @@ def shower_curtain(dice: Dice, w: float) -> Piece:
     color = dice.pick([m.WHITE, m.WHITE, *m.BRIGHTS, *m.FABRICS])
     pattern = dice.pick(["plain", "plain", "stripes", "damask", "plaid", "tiles"])
     second = dice.pick([m.WHITE, *m.BRIGHTS])
-    cloth = m.Material(pattern, color, second, dice.uniform(0.08, 0.25), 0.8, 0.15, seed=dice.uniform(0, 50))
+    cloth = m.Material(
+        pattern, color, second, dice.uniform(0.08, 0.25), 0.8, 0.15, seed=dice.uniform(0, 50)
+    )
     share = dice.uniform(0.3, 0.95)
     left = -w / 2 + 0.02 if dice.chance(0.5) else w / 2 - 0.02 - share * w
-    piece = Piece().add(SHOWER_CURTAIN, cloth, folds(dice, left, left + share * w * 0.98, low, top, 0.035))
+    piece = Piece().add(
+        SHOWER_CURTAIN, cloth, folds(dice, left, left + share * w * 0.98, low, top, 0.035)
+    )
     rod = tube([(-w / 2, 0, top + 0.03), (w / 2, 0, top + 0.03)], 0.012)
     piece.add(SHOWER_CURTAIN, m.plain(m.METALS[0], 1.5), rod)
     return piece
@@ -162,7 +185,9 @@ def folds(dice: Dice, left: float, right: float, low: float, high: float, depth:
         x = left + (right - left) * s + 0.2 * depth * np.cos(turn + first)
         return np.stack([x, y, high - (high - low) * t], axis=2)
 
-    return sheet(shape, 5, waves * 8 + 1)
+    cloth = sheet(shape, 5, waves * 8 + 1)
+    flat_uv = np.stack([1.25 * cloth.corners[..., 0], cloth.corners[..., 2]], axis=2)
+    return Soup(cloth.corners, cloth.normals, flat_uv)
 
 
 def towel_rail(dice: Dice) -> Piece:
@@ -170,9 +195,15 @@ def towel_rail(dice: Dice) -> Piece:
     rail = tube([(-w / 2, 0.05, z), (w / 2, 0.05, z)], 0.01)
     piece = Piece().add(CLUTTER, m.plain(m.METALS[0], 1.5), rail)
     for x in (-w / 2, w / 2):
-        piece.add(CLUTTER, m.plain(m.METALS[0], 1.5), box((x - 0.01, 0, z - 0.01), (x + 0.01, 0.06, z + 0.01)))
+        piece.add(
+            CLUTTER,
+            m.plain(m.METALS[0], 1.5),
+            box((x - 0.01, 0, z - 0.01), (x + 0.01, 0.06, z + 0.01)),
+        )
     towel = m.fabric(dice, dice.pick(m.BRIGHTS + m.FABRICS + [m.WHITE, m.WHITE]))
-    return piece.add(CLUTTER, towel, cushion((-w * 0.4, 0.03, z - 0.5), (w * 0.4, 0.075, z + 0.02), 0.15, 6))
+    return piece.add(
+        CLUTTER, towel, cushion((-w * 0.4, 0.03, z - 0.5), (w * 0.4, 0.075, z + 0.02), 0.15, 6)
+    )
 
 
 def paper_holder(dice: Dice) -> Piece:
@@ -182,8 +213,10 @@ def paper_holder(dice: Dice) -> Piece:
 
 def washstand_mirror(dice: Dice) -> Piece:
     w, h = dice.uniform(0.45, 0.9), dice.uniform(0.6, 0.9)
-    piece = Piece().add(CLUTTER, dice.pick([m.metal(dice), m.wood(dice)]), box((-w / 2, 0, 0), (w / 2, 0.02, h)))
+    piece = Piece().add(
+        CLUTTER, dice.pick([m.metal(dice), m.wood(dice)]), box((-w / 2, 0, 0), (w / 2, 0.02, h))
+    )
     face = m.plain(m.srgb(60, 64, 66), 8.0)
-    return piece.add(CLUTTER, face, box((-w / 2 + 0.02, 0.02, 0.02), (w / 2 - 0.02, 0.022, h - 0.02)))
-
-
+    return piece.add(
+        CLUTTER, face, box((-w / 2 + 0.02, 0.02, 0.02), (w / 2 - 0.02, 0.022, h - 0.02))
+    )

@@ -21,11 +21,17 @@ def bed(dice: Dice) -> Piece:
     if dice.chance(0.85):
         head = dice.uniform(0.75, 1.2)
         if dice.chance(0.3):
-            piece.add(BED, frame, cushion((-w / 2 - 0.02, 0, low), (w / 2 + 0.02, 0.1, head), 0.2, 7))
+            piece.add(
+                BED, frame, cushion((-w / 2 - 0.02, 0, low), (w / 2 + 0.02, 0.1, head), 0.2, 7)
+            )
         else:
             piece.add(BED, frame, box((-w / 2 - 0.02, 0, 0), (w / 2 + 0.02, 0.05, head)))
     if dice.chance(0.3):
-        piece.add(BED, frame, box((-w / 2 - 0.01, d, 0), (w / 2 + 0.01, d + 0.04, dice.uniform(0.45, 0.75))))
+        piece.add(
+            BED,
+            frame,
+            box((-w / 2 - 0.01, d, 0), (w / 2 + 0.01, d + 0.04, dice.uniform(0.45, 0.75))),
+        )
     white = m.plain(m.vary(dice, m.srgb(228, 226, 220), 0.06))
     piece.add(BED, white, cushion((-w / 2, 0.06, low + 0.04), (w / 2, d - 0.02, top), 0.16, 8))
     linen = m.fabric(dice, dice.pick(m.FABRICS + m.BRIGHTS + [m.WHITE, m.WHITE]))

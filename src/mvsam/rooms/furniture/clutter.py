@@ -72,7 +72,9 @@ def carton(dice: Dice) -> Piece:
     paper = dice.pick([brown, bright(dice)])
     piece = Piece().add(CLUTTER, paper, box((-w / 2, 0, 0), (w / 2, d, h)))
     tape = m.plain(m.shade(paper.color, 1.25))
-    return piece.add(CLUTTER, tape, box((-w / 2, d / 2 - 0.02, h), (w / 2, d / 2 + 0.02, h + 0.002)))
+    return piece.add(
+        CLUTTER, tape, box((-w / 2, d / 2 - 0.02, h), (w / 2, d / 2 + 0.02, h + 0.002))
+    )
 
 
 def bin_(dice: Dice) -> Piece:
@@ -125,9 +127,7 @@ def monitor(dice: Dice) -> Piece:
 
 def _display(dice: Dice, w: float, h: float, y: float, z: float):
     """Material and face of a screen; dark and shiny when off."""
-    face = sheet(
-        lambda s, t: np.stack([(0.5 - s) * w, y + 0 * s, z + (1 - t) * h], axis=2), 2, 2
-    )
+    face = sheet(lambda s, t: np.stack([(0.5 - s) * w, y + 0 * s, z + (1 - t) * h], axis=2), 2, 2)
     if dice.chance(0.55):
         return m.plain(m.srgb(16, 17, 20), 1.3), face
     first = m.srgb(*(dice.uniform(20, 250) for _ in range(3)))
@@ -177,9 +177,7 @@ def table_lamp(dice: Dice) -> Piece:
         CLUTTER, foot, lathe([(0.001, 0), (0.5 * r, 0), (0.5 * r, 0.02), (0.012, 0.05), (0.012, h)])
     )
     shade = m.plain(m.srgb(245, 230, 200), emission=1.6 if lit else 0.0)
-    piece.add(
-        CLUTTER, shade, lathe([(r, 0.58 * h), (dice.uniform(0.5, 1.0) * r, h + 0.03)], 14)
-    )
+    piece.add(CLUTTER, shade, lathe([(r, 0.58 * h), (dice.uniform(0.5, 1.0) * r, h + 0.03)], 14))
     if lit:
         piece.lights.append(_bulb(h * 0.8, 0.35))
     for i, (soup, label, material) in enumerate(piece.parts):
@@ -197,7 +195,9 @@ def _bulb(height: float, power: float) -> Light:
 def floor_lamp(dice: Dice) -> Piece:
     h, r = dice.uniform(1.4, 1.7), dice.uniform(0.14, 0.22)
     lit = dice.chance(0.5)
-    piece = Piece().add(CLUTTER, m.metal(dice), cylinder(0.14, 0, 0.025, 14), cylinder(0.012, 0, h, 6))
+    piece = Piece().add(
+        CLUTTER, m.metal(dice), cylinder(0.14, 0, 0.025, 14), cylinder(0.012, 0, h, 6)
+    )
     shade = m.plain(m.srgb(245, 232, 205), emission=1.8 if lit else 0.0)
     piece.add(CLUTTER, shade, lathe([(r, h - 0.28), (r * dice.uniform(0.6, 1.0), h)], 16))
     if lit:

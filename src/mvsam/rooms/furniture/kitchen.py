@@ -8,7 +8,7 @@ from ..dice import Dice
 from ..mesh import box, cylinder, loft, rounded_outline, sheet, tube
 from ..room import Piece
 from . import clutter
-from .storage import fronts, wall_cabinet
+from .storage import fronts, open_carcass, wall_cabinet
 
 DEPTH = 0.62
 
@@ -17,7 +17,8 @@ def kitchen_run(dice: Dice, w: float, upper: bool = True) -> Piece:
     """A worktop of width `w` against the wall with what belongs below, on and above it."""
     h, top = dice.uniform(0.86, 0.92), m.stone(dice) if dice.chance(0.75) else m.wood(dice)
     shell = m.board(dice)
-    piece = Piece().add(CABINET, shell, box((-w / 2, 0, 0.1), (w / 2, DEPTH - 0.06, h - 0.04)))
+    piece = Piece()
+    open_carcass(piece, CABINET, shell, (-w / 2, 0, 0.1), (w / 2, DEPTH - 0.06, h - 0.04), h - 0.22)
     piece.add(CABINET, m.plain(m.BLACK), box((-w / 2, 0, 0), (w / 2, DEPTH - 0.12, 0.1)))
     stove_x = dice.uniform(w / 2 - 0.65, w / 2 - 0.35) if w > 1.9 and dice.chance(0.75) else None
     right = w / 2 if stove_x is None else stove_x - 0.3
@@ -26,7 +27,9 @@ def kitchen_run(dice: Dice, w: float, upper: bool = True) -> Piece:
         fronts(dice, piece, CABINET, shell, left, end, DEPTH - 0.06, 0.11, h - 0.05, 1, rows)
     if stove_x is not None:
         piece.place(_stove(dice, h), 0, stove_x)
-        fronts(dice, piece, CABINET, shell, stove_x + 0.3, w / 2, DEPTH - 0.06, 0.11, h - 0.05, 1, 1)
+        fronts(
+            dice, piece, CABINET, shell, stove_x + 0.3, w / 2, DEPTH - 0.06, 0.11, h - 0.05, 1, 1
+        )
     sink_x = dice.uniform(-w / 2 + 0.5, right - 0.5) if right + w / 2 > 1.0 else (right - w / 2) / 2
     _worktop(dice, piece, top, w, h, sink_x)
     if dice.chance(0.7):
@@ -60,7 +63,9 @@ def _worktop(dice: Dice, piece: Piece, top: m.Material, w: float, h: float, x: f
 
 def basin(dice: Dice, w: float, d: float, material: m.Material | None = None) -> Piece:
     """A sunk bowl about the origin, rim at z = 0, as deep as a kitchen sink."""
-    steel = material or dice.pick([m.plain(m.METALS[0], 1.5), m.plain(m.METALS[0], 1.0), m.ceramic(dice)])
+    steel = material or dice.pick(
+        [m.plain(m.METALS[0], 1.5), m.plain(m.METALS[0], 1.0), m.ceramic(dice)]
+    )
     outline = rounded_outline(w, d, 0.06)
     sections = [
         (1.06, 1.08, 0, 0.002), (1.06, 1.08, 0, 0.008), (0.97, 0.97, 0, 0.008), (0.95, 0.94, 0, -0.02),
@@ -87,7 +92,9 @@ def _stove(dice: Dice, h: float) -> Piece:
     piece.add(CLUTTER, m.plain(m.BLACK, 1.2), box((-0.24, DEPTH, 0.25), (0.24, DEPTH + 0.01, 0.62)))
     rail = tube([(-0.25, DEPTH + 0.04, 0.68), (0.25, DEPTH + 0.04, 0.68)], 0.012)
     piece.add(CLUTTER, m.plain(m.METALS[0], 1.5), rail)
-    piece.add(CLUTTER, m.plain(m.BLACK, 1.0), box((-0.29, 0.04, h), (0.29, DEPTH - 0.02, h + 0.008)))
+    piece.add(
+        CLUTTER, m.plain(m.BLACK, 1.0), box((-0.29, 0.04, h), (0.29, DEPTH - 0.02, h + 0.008))
+    )
     ring = m.plain(m.METALS[2], 0.4)
     for x in (-0.14, 0.14):
         for y in (0.18, 0.44):
@@ -103,7 +110,11 @@ def _stove(dice: Dice, h: float) -> Piece:
 
 def _hang_cabinets(dice: Dice, piece: Piece, w: float, z: float, stove_x: float | None) -> None:
     seed = dice.count(0, 10**6)
-    spans = [(-w / 2, w / 2)] if stove_x is None else [(-w / 2, stove_x - 0.32), (stove_x + 0.32, w / 2)]
+    spans = (
+        [(-w / 2, w / 2)]
+        if stove_x is None
+        else [(-w / 2, stove_x - 0.32), (stove_x + 0.32, w / 2)]
+    )
     for left, right in spans:
         left += dice.pick([0.0, 0.0, 0.4]) if right - left > 1.2 else 0.0
         if right - left > 0.28:
@@ -111,7 +122,9 @@ def _hang_cabinets(dice: Dice, piece: Piece, w: float, z: float, stove_x: float 
     if stove_x is not None:
         hood = m.plain(m.METALS[0], 1.2)
         piece.add(CLUTTER, hood, box((stove_x - 0.3, 0, z + 0.05), (stove_x + 0.3, 0.45, z + 0.13)))
-        piece.add(CLUTTER, hood, box((stove_x - 0.13, 0, z + 0.13), (stove_x + 0.13, 0.25, z + 0.6)))
+        piece.add(
+            CLUTTER, hood, box((stove_x - 0.13, 0, z + 0.13), (stove_x + 0.13, 0.25, z + 0.6))
+        )
 
 
 def _worktop_things(dice: Dice, left: float, right: float, h: float) -> Piece:
@@ -128,5 +141,7 @@ def _microwave(dice: Dice) -> Piece:
     skin = m.plain(dice.pick([m.WHITE, m.METALS[0], m.BLACK]), 0.5)
     piece = Piece().add(CLUTTER, skin, box((-0.25, 0, 0), (0.25, 0.34, 0.28)))
     piece.add(CLUTTER, m.plain(m.BLACK, 1.3), box((-0.23, 0.34, 0.03), (0.12, 0.346, 0.25)))
-    buttons = sheet(lambda s, t: np.stack([0.15 + 0.08 * s, 0.342 + 0 * s, 0.05 + 0.18 * t], 2), 2, 2)
+    buttons = sheet(
+        lambda s, t: np.stack([0.15 + 0.08 * s, 0.342 + 0 * s, 0.05 + 0.18 * t], 2), 2, 2
+    )
     return piece.add(CLUTTER, m.Material("tiles", m.METALS[1], m.BLACK, 0.025), buttons)

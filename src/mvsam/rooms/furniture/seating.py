@@ -11,7 +11,9 @@ from .clutter import pillow
 
 
 def chair(dice: Dice) -> Piece:
-    return dice.pick([dining_chair, dining_chair, office_chair, office_chair, armchair, stool])(dice)
+    return dice.pick([dining_chair, dining_chair, office_chair, office_chair, armchair, stool])(
+        dice
+    )
 
 
 def legs(dice: Dice, w: float, d: float, low: float, high: float, splay: float = 0.0) -> list:
@@ -42,7 +44,9 @@ def dining_chair(dice: Dice) -> Piece:
     top = seat + dice.uniform(0.35, 0.55)
     frame = dice.pick([m.wood(dice), m.painted(dice), m.metal(dice)])
     cloth = m.fabric(dice) if dice.chance(0.45) else frame
-    piece = Piece().add(CHAIR, frame, *legs(dice, w, d, 0, seat - 0.02, dice.pick([0.0, 0.0, 0.04])))
+    piece = Piece().add(
+        CHAIR, frame, *legs(dice, w, d, 0, seat - 0.02, dice.pick([0.0, 0.0, 0.04]))
+    )
     if dice.chance(0.4):
         piece.add(CHAIR, cloth, cushion((-w / 2, 0, seat - 0.05), (w / 2, d, seat + 0.03), 0.3, 6))
     else:
@@ -116,9 +120,8 @@ def stool(dice: Dice) -> Piece:
 
 def sofa(dice: Dice) -> Piece:
     """Two to four seats; at times with a chaise."""
-    seats = dice.count(2, 4) if dice.chance(0.7) else 3
-    piece = _couch(dice, SOFA, 0.35 + 0.6 * seats * dice.uniform(0.9, 1.1), seats)
-    return piece
+    seats = dice.pick([2, 2, 3, 3, 3, 4])
+    return _couch(dice, SOFA, 0.35 + 0.58 * seats * dice.uniform(0.9, 1.1), seats)
 
 
 def _couch(dice: Dice, label: int, w: float, seats: int) -> Piece:
@@ -143,8 +146,12 @@ def _couch(dice: Dice, label: int, w: float, seats: int) -> Piece:
         x = -inner / 2 + inner * i / seats
         front = d + (long if i == 0 else 0)
         low = (x, 0.2, seat - 0.14)
-        piece.add(label, cloth, cushion(low, (x + inner / seats - 0.004, front, seat + 0.01), soft, 7))
-        back = cushion((x + 0.01, 0.17, seat - 0.02), (x + inner / seats - 0.01, 0.36, high), 0.45, 7)
+        piece.add(
+            label, cloth, cushion(low, (x + inner / seats - 0.004, front, seat + 0.01), soft, 7)
+        )
+        back = cushion(
+            (x + 0.01, 0.17, seat - 0.02), (x + inner / seats - 0.01, 0.36, high), 0.45, 7
+        )
         piece.add(label, cloth, back)
     if chaise:
         low, end = (-inner / 2, d - 0.1, foot), (-inner / 2 + inner / seats, d + long, seat - 0.1)
@@ -167,7 +174,10 @@ def _throw(dice: Dice, high: float, x: float):
     y = np.array([-0.012, -0.012, 0.1, 0.28, 0.38, 0.4])
     z = np.array([0.3, high - 0.06, high + 0.012, high + 0.012, high - 0.08, high - 0.3])
     points = np.stack(
-        [np.broadcast_to(x + np.linspace(-w, w, 5) / 2, (6, 5)), *np.broadcast_arrays(y[:, None], z[:, None] + np.zeros((1, 5)))],
+        [
+            np.broadcast_to(x + np.linspace(-w, w, 5) / 2, (6, 5)),
+            *np.broadcast_arrays(y[:, None], z[:, None] + np.zeros((1, 5))),
+        ],
         axis=2,
     )
     return grid_surface(points)

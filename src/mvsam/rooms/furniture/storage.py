@@ -31,6 +31,18 @@ def fronts(
             _handle(piece, label, handle, style, wide, middle, side, y + thick, b[1] - a[1])
 
 
+def open_carcass(
+    piece: Piece, label: int, material: m.Material, low: tuple[float, float, float],
+    high: tuple[float, float, float], fill: float,
+) -> None:  # fmt: skip
+    """A body solid up to height `fill`, with thin walls above, so that a basin can hang in it."""
+    (x0, y0, z0), (x1, y1, z1), t = low, high, 0.016
+    piece.add(label, material, box(low, (x1, y1, fill)))
+    piece.add(label, material, box((x0, y0, fill), (x0 + t, y1, z1)))
+    piece.add(label, material, box((x1 - t, y0, fill), (x1, y1, z1)))
+    piece.add(label, material, box((x0 + t, y1 - t, fill), (x1 - t, y1, z1)))
+
+
 def _raised_frame(piece: Piece, label: int, material, a, b, y: float) -> None:
     e, t = 0.05, 0.008
     piece.add(label, material, box((a[0], y, a[1]), (b[0], y + t, a[1] + e)))
@@ -42,11 +54,25 @@ def _raised_frame(piece: Piece, label: int, material, a, b, y: float) -> None:
 def _handle(piece, label, material, style, wide, middle, side, y, height) -> None:
     x, z = middle if wide else (side, middle[1])
     if style == 0:
-        piece.add(label, material, cushion((x - 0.016, y, z - 0.016), (x + 0.016, y + 0.03, z + 0.016), 1, 4))
+        piece.add(
+            label,
+            material,
+            cushion((x - 0.016, y, z - 0.016), (x + 0.016, y + 0.03, z + 0.016), 1, 4),
+        )
     elif style == 1:
         half = (0.07, 0, 0.006) if wide else (0.006, 0, min(0.08, height / 3))
-        piece.add(label, material, box((x - half[0], y + 0.015, z - half[2]), (x + half[0], y + 0.027, z + half[2])))
-        piece.add(label, material, box((x - half[0] / 2, y, z - half[2] / 2), (x + half[0] / 2, y + 0.02, z + half[2] / 2)))
+        piece.add(
+            label,
+            material,
+            box((x - half[0], y + 0.015, z - half[2]), (x + half[0], y + 0.027, z + half[2])),
+        )
+        piece.add(
+            label,
+            material,
+            box(
+                (x - half[0] / 2, y, z - half[2] / 2), (x + half[0] / 2, y + 0.02, z + half[2] / 2)
+            ),
+        )
 
 
 def cabinet(dice: Dice) -> Piece:
@@ -107,7 +133,9 @@ def nightstand(dice: Dice) -> Piece:
 
 def wall_cabinet(dice: Dice, w: float) -> Piece:
     """Hangs above a worktop; its lower edge is at z = 0."""
-    return _carcass(dice, w, 0.34, dice.uniform(0.55, 0.8), max(1, round(w / 0.45)), 1, plinth=False)
+    return _carcass(
+        dice, w, 0.34, dice.uniform(0.55, 0.8), max(1, round(w / 0.45)), 1, plinth=False
+    )
 
 
 def _dressed(dice: Dice, piece: Piece, w: float, d: float, h: float) -> Piece:
@@ -145,7 +173,9 @@ def _shelf_content(dice: Dice, w: float, d: float, h: float) -> Piece:
     if kind < 0.68:
         return clutter.book_row(dice, w * dice.uniform(0.45, 0.98), d, h)
     if kind < 0.88:
-        piece = clutter.scatter(dice, (0.02, 0.01), (w - 0.02, d), 0, dice.count(1, 3), clutter.TABLE_THINGS)
+        piece = clutter.scatter(
+            dice, (0.02, 0.01), (w - 0.02, d), 0, dice.count(1, 3), clutter.TABLE_THINGS
+        )
         keep = Piece()
         for part in piece.parts:
             if part[0].corners[..., 2].max() < h:
@@ -164,16 +194,29 @@ def refrigerator(dice: Dice) -> Piece:
     )
     skin = m.plain(m.vary(dice, color, 0.06), gloss)
     piece = Piece().add(REFRIGERATOR, skin, box((-w / 2, 0, 0.03), (w / 2, d - 0.06, h)))
-    piece.add(REFRIGERATOR, m.plain(m.BLACK), box((-w / 2 + 0.02, 0.02, 0), (w / 2 - 0.02, d - 0.09, 0.05)))
+    piece.add(
+        REFRIGERATOR,
+        m.plain(m.BLACK),
+        box((-w / 2 + 0.02, 0.02, 0), (w / 2 - 0.02, d - 0.09, 0.05)),
+    )
     split = dice.pick([0.32, 0.68, 0.62]) * h
     panels = [(-w / 2, w / 2, 0.06, split - 0.005), (-w / 2, w / 2, split + 0.005, h)]
     if w > 0.8:
-        panels = [(-w / 2, -0.004, split, h), (0.004, w / 2, split, h), (-w / 2, w / 2, 0.06, split - 0.01)]
+        panels = [
+            (-w / 2, -0.004, split, h),
+            (0.004, w / 2, split, h),
+            (-w / 2, w / 2, 0.06, split - 0.01),
+        ]
     grip = dice.pick([m.metal(dice), m.plain(color, 0.5), m.plain(m.BLACK)])
     for i, (left, right, low, high) in enumerate(panels):
         piece.add(REFRIGERATOR, skin, box((left, d - 0.055, low), (right, d, high)))
         x = right - 0.05 if i == 0 else left + 0.05
-        bar = [(x, d, low + 0.08), (x, d + 0.04, low + 0.1), (x, d + 0.04, high - 0.1), (x, d, high - 0.08)]
+        bar = [
+            (x, d, low + 0.08),
+            (x, d + 0.04, low + 0.1),
+            (x, d + 0.04, high - 0.1),
+            (x, d, high - 0.08),
+        ]
         for k in range(3):
             piece.add(REFRIGERATOR, grip, tube(bar[k : k + 2], 0.011))
     for _ in range(dice.pick([0, 0, 2, 5])):
@@ -193,7 +236,9 @@ def washer(dice: Dice) -> Piece:
     piece = Piece().add(OTHER_FURNITURE, skin, box((-w / 2, 0, 0), (w / 2, d, h)))
     ring = cylinder(0.2, 0, 0.03, 20).turned(-90, "x").moved(y=d, z=0.45)
     glass = cylinder(0.15, 0, 0.036, 18).turned(-90, "x").moved(y=d, z=0.45)
-    piece.add(OTHER_FURNITURE, m.metal(dice), ring).add(OTHER_FURNITURE, m.plain(m.BLACK, 1.5), glass)
+    piece.add(OTHER_FURNITURE, m.metal(dice), ring).add(
+        OTHER_FURNITURE, m.plain(m.BLACK, 1.5), glass
+    )
     panel = box((-w / 2 + 0.02, d, h - 0.12), (w / 2 - 0.02, d + 0.008, h - 0.02))
     return piece.add(OTHER_FURNITURE, m.plain(m.METALS[1]), panel)
 
@@ -205,7 +250,11 @@ def piano(dice: Dice) -> Piece:
     piece.add(OTHER_FURNITURE, case, box((-w / 2, 0.34, 0.62), (w / 2, d, 0.7)))
     for x in (-w / 2, w / 2 - 0.06):
         piece.add(OTHER_FURNITURE, case, box((x, 0.34, 0), (x + 0.06, d, 0.76)))
-    piece.add(OTHER_FURNITURE, m.plain(m.WHITE), box((-w / 2 + 0.08, 0.42, 0.7), (w / 2 - 0.08, d - 0.02, 0.72)))
+    piece.add(
+        OTHER_FURNITURE,
+        m.plain(m.WHITE),
+        box((-w / 2 + 0.08, 0.42, 0.7), (w / 2 - 0.08, d - 0.02, 0.72)),
+    )
     for i in range(36):
         if i % 7 in (2, 6):
             continue
@@ -216,7 +265,9 @@ def piano(dice: Dice) -> Piece:
 
 def coat_rack(dice: Dice) -> Piece:
     h, frame = dice.uniform(1.6, 1.85), m.wood(dice) if dice.chance(0.5) else m.metal(dice)
-    piece = Piece().add(OTHER_FURNITURE, frame, cylinder(0.022, 0, h, 8), cylinder(0.2, 0, 0.03, 14))
+    piece = Piece().add(
+        OTHER_FURNITURE, frame, cylinder(0.022, 0, h, 8), cylinder(0.2, 0, 0.03, 14)
+    )
     for turn in range(0, 360, 60):
         hook = tube([(0, 0, h - 0.1), (0.1, 0, h - 0.06), (0.14, 0, h)], 0.01).turned(turn)
         piece.add(OTHER_FURNITURE, frame, hook)
@@ -233,7 +284,9 @@ def trolley(dice: Dice) -> Piece:
 
 def rack(dice: Dice) -> Piece:
     """A metal store rack with cartons."""
-    return _open_rack(dice, dice.uniform(0.8, 1.2), dice.uniform(0.35, 0.5), dice.uniform(1.3, 1.8), 4)
+    return _open_rack(
+        dice, dice.uniform(0.8, 1.2), dice.uniform(0.35, 0.5), dice.uniform(1.3, 1.8), 4
+    )
 
 
 def _open_rack(dice: Dice, w: float, d: float, h: float, levels: int) -> Piece:

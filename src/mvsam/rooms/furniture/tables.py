@@ -98,8 +98,12 @@ def desk(dice: Dice) -> Piece:
         piece.add(DESK, side, box((-w / 2, 0.05, h - 0.4), (w / 2, 0.07, h - 0.03)))
     if kind == 2 or dice.chance(0.4):
         x, wide = dice.pick([-1, 1]) * (w / 2 - 0.26), 0.4
-        drawers = Piece().add(DESK, side, box((-wide / 2, 0.08, 0.05), (wide / 2, d - 0.04, h - 0.06)))
-        fronts(dice, drawers, DESK, m.board(dice), -wide / 2, wide / 2, d - 0.04, 0.06, h - 0.07, 1, 3)
+        drawers = Piece().add(
+            DESK, side, box((-wide / 2, 0.08, 0.05), (wide / 2, d - 0.04, h - 0.06))
+        )
+        fronts(
+            dice, drawers, DESK, m.board(dice), -wide / 2, wide / 2, d - 0.04, 0.06, h - 0.07, 1, 3
+        )
         piece.place(drawers, 0, x)
     return piece.place(_desk_things(dice, w, d, h))
 
@@ -129,7 +133,9 @@ def desk_set(dice: Dice) -> Piece:
     seat = office_chair(dice) if dice.chance(0.65) else chair(dice)
     back = float(seat.bounds()[1, 1])
     gap = dice.uniform(-0.12, 0.25)
-    return piece.place(seat, 180 + dice.uniform(-25, 25), dice.uniform(-0.2, 0.2), front + back + gap)
+    return piece.place(
+        seat, 180 + dice.uniform(-25, 25), dice.uniform(-0.2, 0.2), front + back + gap
+    )
 
 
 def office_table(dice: Dice) -> Piece:
@@ -139,6 +145,8 @@ def office_table(dice: Dice) -> Piece:
     front = float(piece.bounds()[1, 1])
     seed = dice.count(0, 10**6)
     for x in np.linspace(-w / 3, w / 3, dice.count(1, 3)):
-        piece.place(office_chair(Dice(seed)), dice.uniform(-20, 20), x, -0.55 - dice.uniform(0, 0.2))
+        piece.place(
+            office_chair(Dice(seed)), dice.uniform(-20, 20), x, -0.55 - dice.uniform(0, 0.2)
+        )
         piece.place(office_chair(Dice(seed)), 180, x, front + 0.55 + dice.uniform(0, 0.2))
     return piece

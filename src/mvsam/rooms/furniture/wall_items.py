@@ -38,7 +38,12 @@ def _leaf(dice: Dice, w: float, h: float, material: m.Material) -> Piece:
     kind = dice.count(0, 3)
     groove = m.plain(m.shade(material.color, 0.55))
     if kind == 1:
-        spots = [(-0.36, -0.04, 0.07, 0.42), (0.04, 0.36, 0.07, 0.42), (-0.36, -0.04, 0.5, 0.92), (0.04, 0.36, 0.5, 0.92)]
+        spots = [
+            (-0.36, -0.04, 0.07, 0.42),
+            (0.04, 0.36, 0.07, 0.42),
+            (-0.36, -0.04, 0.5, 0.92),
+            (0.04, 0.36, 0.5, 0.92),
+        ]
     elif kind == 2:
         spots = [(-0.34, 0.34, 0.08, 0.4), (-0.34, 0.34, 0.5, 0.92)]
     else:
@@ -46,7 +51,10 @@ def _leaf(dice: Dice, w: float, h: float, material: m.Material) -> Piece:
     for a, b, low, high in spots:
         for y in (0.0, -0.04):
             outer = box((a * w, y - 0.004, low * h), (b * w, y + 0.004, high * h))
-            inner = box((a * w + 0.02, y - 0.008, low * h + 0.02), (b * w - 0.02, y + 0.008, high * h - 0.02))
+            inner = box(
+                (a * w + 0.02, y - 0.008, low * h + 0.02),
+                (b * w - 0.02, y + 0.008, high * h - 0.02),
+            )
             piece.add(DOOR, groove, outer).add(DOOR, material, inner)
     if kind == 3 and dice.chance(0.4):
         glass = m.plain(m.srgb(170, 185, 190), 1.5)
@@ -57,7 +65,9 @@ def _leaf(dice: Dice, w: float, h: float, material: m.Material) -> Piece:
         piece.add(DOOR, metal, cushion((x - 0.03, 0.0, 0.97), (x + 0.03, 0.07, 1.03), 1, 6))
     else:
         piece.add(DOOR, metal, box((x - 0.02, 0, 0.95), (x + 0.02, 0.006, 1.1)))
-        piece.add(DOOR, metal, tube([(x, 0.0, 1.03), (x, 0.05, 1.03), (x - 0.12, 0.05, 1.03)], 0.01))
+        piece.add(
+            DOOR, metal, tube([(x, 0.0, 1.03), (x, 0.05, 1.03), (x - 0.12, 0.05, 1.03)], 0.01)
+        )
     return piece
 
 
@@ -88,8 +98,10 @@ def window(dice: Dice, w: float, h: float, daylight: float) -> Piece:
     for x in np.linspace(-w / 2, w / 2, columns + 1):
         piece.add(WINDOW, frame, box((x - bar / 2, -deep, 0), (x + bar / 2, -deep + 0.04, h)))
     for z in np.linspace(0, h, rows + 1):
-        piece.add(WINDOW, frame, box((-w / 2, -deep, z - bar / 2), (w / 2, -deep + 0.04, z + bar / 2)))
-    if dice.chance(0.25):
+        piece.add(
+            WINDOW, frame, box((-w / 2, -deep, z - bar / 2), (w / 2, -deep + 0.04, z + bar / 2))
+        )
+    if dice.chance(0.12):
         piece.place(_blind(dice, w, h, -deep + 0.05))
     power = daylight * w * h
     color = (0.9 * power, 0.98 * power, 1.1 * power)
@@ -101,14 +113,20 @@ def window(dice: Dice, w: float, h: float, daylight: float) -> Piece:
 
 
 def _pane(w: float, h: float, y: float) -> Soup:
-    return sheet(lambda s, t: np.stack([(0.5 - s) * w, y + 0 * s, (1 - t) * h - 0.05], axis=2), 2, 2)
+    return sheet(
+        lambda s, t: np.stack([(0.5 - s) * w, y + 0 * s, (1 - t) * h - 0.05], axis=2), 2, 2
+    )
 
 
 def _view(dice: Dice, daylight: float) -> m.Material:
     sky = dice.pick([m.srgb(215, 230, 250), m.srgb(235, 240, 245), m.srgb(170, 205, 245)])
-    far = dice.pick([m.srgb(70, 105, 55), m.srgb(95, 115, 70), m.srgb(150, 130, 115), m.srgb(120, 120, 125)])
+    far = dice.pick(
+        [m.srgb(70, 105, 55), m.srgb(95, 115, 70), m.srgb(150, 130, 115), m.srgb(120, 120, 125)]
+    )
     glow = 0.25 + 2.6 * daylight * dice.uniform(0.7, 1.3)
-    return m.Material("outside", sky, far, 1.0, dice.uniform(0.2, 1.0), 0.0, glow, dice.uniform(0, 50))
+    return m.Material(
+        "outside", sky, far, 1.0, dice.uniform(0.2, 1.0), 0.0, glow, dice.uniform(0, 50)
+    )
 
 
 def _blind(dice: Dice, w: float, h: float, y: float) -> Piece:
@@ -127,11 +145,15 @@ def curtains(dice: Dice, w: float, sill: float, top: float) -> Piece:
     low = dice.uniform(0.02, 0.1) if dice.chance(0.7) else max(0.05, sill - 0.15)
     wide, y = w * dice.uniform(0.22, 0.5), 0.09
     edge = w / 2 + 0.18
-    piece = Piece().add(CURTAIN, m.metal(dice), tube([(-edge - 0.08, y, top), (edge + 0.08, y, top)], 0.013))
+    piece = Piece().add(
+        CURTAIN, m.metal(dice), tube([(-edge - 0.08, y, top), (edge + 0.08, y, top)], 0.013)
+    )
     sides = [-1, 1] if dice.chance(0.8) else [dice.pick([-1, 1])]
     for side in sides:
         left = -edge if side < 0 else edge - wide
-        piece.add(CURTAIN, cloth, folds(dice, left, left + wide, low, top - 0.015, 0.032).moved(y=y))
+        piece.add(
+            CURTAIN, cloth, folds(dice, left, left + wide, low, top - 0.015, 0.032).moved(y=y)
+        )
     return piece
 
 
@@ -139,11 +161,21 @@ def picture(dice: Dice) -> Piece:
     """A framed painting or photograph, or a bare poster, about the origin."""
     w, h = dice.uniform(0.22, 1.0), dice.uniform(0.22, 0.8)
     colors = [m.srgb(*(dice.uniform(10, 250) for _ in range(3))) for _ in range(2)]
-    art = m.Material("painting", *colors, 1.0, dice.uniform(0, 1), dice.pick([0.0, 0.4]), 0.0, dice.uniform(0, 50))
+    art = m.Material(
+        "painting",
+        *colors,
+        1.0,
+        dice.uniform(0, 1),
+        dice.pick([0.0, 0.4]),
+        0.0,
+        dice.uniform(0, 50),
+    )
     if dice.chance(0.2):
         return Piece().add(PICTURE, art, _canvas(w, h, 0.004))
     rim = dice.uniform(0.012, 0.05)
-    frame = dice.pick([m.wood(dice), m.plain(m.BLACK), m.plain(m.WHITE), m.plain(m.srgb(170, 135, 60), 0.8)])
+    frame = dice.pick(
+        [m.wood(dice), m.plain(m.BLACK), m.plain(m.WHITE), m.plain(m.srgb(170, 135, 60), 0.8)]
+    )
     piece = Piece()
     for low, high in [
         ((-w / 2, 0, -h / 2), (w / 2, 0.025, -h / 2 + rim)), ((-w / 2, 0, h / 2 - rim), (w / 2, 0.025, h / 2)),
@@ -190,7 +222,9 @@ def clock(dice: Dice) -> Piece:
 
 def whiteboard(dice: Dice) -> Piece:
     w, h = dice.uniform(0.9, 1.6), dice.uniform(0.6, 1.0)
-    piece = Piece().add(CLUTTER, m.plain(m.METALS[0], 0.6), box((-w / 2, 0, -h / 2), (w / 2, 0.02, h / 2)))
+    piece = Piece().add(
+        CLUTTER, m.plain(m.METALS[0], 0.6), box((-w / 2, 0, -h / 2), (w / 2, 0.02, h / 2))
+    )
     face = box((-w / 2 + 0.02, 0.02, -h / 2 + 0.02), (w / 2 - 0.02, 0.022, h / 2 - 0.02))
     return piece.add(CLUTTER, m.plain(m.WHITE, 0.6), face)
 
