@@ -32,6 +32,8 @@ class DataConfig:
     """(width, height) of the training pictures, pixels."""
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres."""
+    room_frames: int = 5
+    """Frames rendered of each procedural room to train on; at least `num_views`."""
     cache: str | None = None
     """Folder for rendered scenes (about 2.5 MB each); none: render anew every time."""
     workers: int = 1
@@ -47,7 +49,7 @@ class SampleStream(Dataset[TrainingSample]):
 
     def __init__(self, config: DataConfig, seed: int):
         self.config, self.seed = config, seed
-        self.scenes: Sequence[Scene] = open_data(config.train)
+        self.scenes: Sequence[Scene] = open_data(config.train, room_frames=config.room_frames)
 
     def __getitem__(self, n: int) -> TrainingSample:
         epoch, position = divmod(n, len(self.scenes))

@@ -73,7 +73,17 @@ def initial_model(config: ModelConfig) -> MultiViewSAM:
         load_sam(model, config.sam_checkpoint)
     if config.init:
         load_into(model, config.init)
+    if not torch.cuda.is_available():
+        use_plain_attention(model)
     return layout_channels_last(model)
+
+
+def use_plain_attention(model: MultiViewSAM) -> None:
+    """Attention written out: on a CPU twice as fast forward and backward as the fused one, which
+    has no fast backward with SAM's relative positions (docs/log.md)."""
+    if model.semantic_encoder is not None:
+        for block in model.semantic_encoder.backbone.blocks:
+            block.attn.fused_attn = False
 
 
 class ExperimentData(LightningDataModule):

@@ -8,7 +8,7 @@ from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.training.module import TrainConfig
 from mvsam.training.optim import OptimizerConfig
 
-_ROOMS = DataConfig(references=3, cache="cache/rooms")
+_ROOMS = DataConfig(train="rooms:train:0-1200", references=3, room_frames=3, cache="cache/rooms")
 _HALF = replace(_ROOMS, size=(160, 128))
 
 _TINY_HALF = Experiment(
@@ -16,8 +16,8 @@ _TINY_HALF = Experiment(
     about="First stage of `tiny`: half-size pictures, all three views as reference in turn.",
     model=ModelConfig("tiny"),
     data=_HALF,
-    optimizer=OptimizerConfig(steps=4000, gradient_clip=1.0),
-    train=TrainConfig(batch_size=4, val_every=400, checkpoint_every=200),
+    optimizer=OptimizerConfig(steps=1200, gradient_clip=1.0),
+    train=TrainConfig(batch_size=4, val_every=200, checkpoint_every=50),
 )
 
 _RUNS = (
@@ -27,8 +27,8 @@ _RUNS = (
         about="Second stage of `tiny`, at the size it is used at; begins with `tiny_half`.",
         model=ModelConfig("tiny", init="runs/tiny_half/model.safetensors"),
         data=_ROOMS,
-        optimizer=OptimizerConfig(steps=1000, lr=4e-4, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=250, checkpoint_every=100),
+        optimizer=OptimizerConfig(steps=300, lr=4e-4, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=25),
     ),
     replace(
         _TINY_HALF,
