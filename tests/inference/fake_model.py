@@ -1,6 +1,7 @@
 """Models that need no weights: they repeat the measured depth and colour-code the classes."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -20,8 +21,9 @@ class FakeFeatures:
 class FakeModel(nn.Module):
     """Depth is the measured one (else 2 m), the class the strongest of the colours 0, 1, 2."""
 
-    name = "fake"
     input_size: tuple[int, int] = (64, 48)
+    info: Any
+    weights_hash: str
 
     def __init__(self, has_depth: bool = True, has_labels: bool = True):
         super().__init__()

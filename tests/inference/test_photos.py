@@ -50,18 +50,6 @@ def test_the_reference_comes_first_and_its_intrinsics_fit_the_network_size():
     np.testing.assert_allclose(views.intrinsics[0, 0], expected, atol=1e-5)
 
 
-def test_georeferenced_poses_keep_their_baselines():
-    model = FakeModel()
-    images, intrinsics, poses = photos(2)
-    far = [pose.copy() for pose in poses]
-    for pose in far:
-        pose[:3, 3] += [4.5e5, 5.3e6, 300]
-    predict(model, images, intrinsics, far, references=[0])
-    centres = model.decoded[0].world_from_cam[0, :, :3, 3].numpy()
-    wanted = np.linalg.norm(poses[1][:3, 3] - poses[0][:3, 3])
-    assert np.linalg.norm(centres[1] - centres[0]) == pytest.approx(wanted, abs=1e-6)
-
-
 def test_a_model_without_encode_is_called_as_a_whole():
     results = predict(WholeModel(), *photos(2))
     assert all(r.depth is not None and r.labels is None for r in results)

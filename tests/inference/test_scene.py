@@ -3,6 +3,7 @@ import json
 import logging
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -91,11 +92,28 @@ def test_transforms_json_holds_opengl_poses_and_the_photo_s_intrinsics(scene, tr
 def test_run_json_says_what_made_the_folder(scene, out: Path):
     predict_scene(FakeModel(), scene, out, num_views=2, arguments={"scene": "room"})
     run = json.loads((out / "run.json").read_text())
-    assert run["model"] == "fake" and len(run["weights_sha256"]) == 64
+    assert run["model"] == "FakeModel" and len(run["weights_hash"]) == 16
     assert run["arguments"] == {"scene": "room"} and run["num_views"] == 2
     assert {"mvsam", "torch", "numpy", "python"} <= set(run["versions"])
     assert {"read", "encode", "decode", "write"} <= set(run["seconds"])
     assert run["peak_memory_mb"]["ram"] > 1
+
+
+def test_a_model_from_a_file_brings_its_name_hash_and_classes(scene, out: Path):
+    model = FakeModel()
+    model.info = SimpleNamespace(
+        model="mine", classes=("red", "green", "blue"), palette=((9, 0, 0), (0, 9, 0), (0, 0, 9))
+    )
+    model.weights_hash = "0123456789abcdef"
+    result = predict_scene(model, scene, out)
+    run = json.loads((out / "run.json").read_text())
+    assert (run["model"], run["weights_hash"]) == ("mine", "0123456789abcdef")
+    classes = json.loads((out / "classes.json").read_text())
+    assert classes[1] == {"name": "green", "color": [0, 9, 0]}
+    with Image.open(out / "labels/0000.png") as labels:
+        assert (labels.getpalette() or [])[:3] == [9, 0, 0]
+    # Its classes are not those of the scene's label maps, so labels have no score.
+    assert result.scores is not None and result.scores.total.labels is None
 
 
 def test_metrics_json_scores_the_written_maps(scene, out: Path):
@@ -148,7 +166,7 @@ def test_overwrite_makes_everything_anew(scene, out: Path):
 
 def test_another_model_does_not_mix_into_a_folder(scene, out: Path):
     predict_scene(FakeModel(), scene, out)
-    with pytest.raises(InputError, match=r"model fake, not WholeModel.*--overwrite"):
+    with pytest.raises(InputError, match=r"model FakeModel, not WholeModel.*--overwrite"):
         predict_scene(WholeModel(), scene, out)
     predict_scene(WholeModel(), scene, out, overwrite=True, references=["0000"])
     assert not list((out / "labels").iterdir())

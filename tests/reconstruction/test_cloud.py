@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from mvsam.errors import InputError
-from mvsam.reconstruction.cloud import CloudSettings, PointCloud, VoxelGrid
+from mvsam.reconstruction.cloud import PointCloud, VoxelGrid
+from mvsam.reconstruction.settings import CloudSettings
 from mvsam.types import IGNORE
 
 

@@ -9,9 +9,10 @@ from mvsam.data.formats import open_scene
 from mvsam.data.labels import SCANNET20
 from mvsam.errors import InputError
 from mvsam.inference.scene import predict_scene
-from mvsam.reconstruction.cloud import CloudSettings, build_cloud
+from mvsam.reconstruction.cloud import build_cloud
 from mvsam.reconstruction.filtering import back_project
 from mvsam.reconstruction.folder import read_predictions
+from mvsam.reconstruction.settings import CloudSettings
 from tests.inference.fake_model import FakeModel
 from tests.reconstruction.test_filtering import distance_to_walls
 from tests.synthetic import write_posed_folder

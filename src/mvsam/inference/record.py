@@ -12,7 +12,7 @@ from torch import nn
 
 from mvsam.errors import InputError
 
-IDENTITY = ("scene", "model", "weights_sha256", "num_views", "depth_range")
+IDENTITY = ("scene", "model", "weights_hash", "num_views", "depth_range")
 """Keys in which two runs must agree to share a folder."""
 
 
@@ -26,8 +26,8 @@ def describe_run(
     """The part of `run.json` that is known before the work begins."""
     return {
         "scene": scene_name,
-        "model": getattr(model, "name", type(model).__name__),
-        "weights_sha256": weights_hash(model),
+        "model": model_name(model),
+        "weights_hash": getattr(model, "weights_hash", None) or hash_of_values(model),
         "num_views": num_views,
         "depth_range": list(depth_range),
         "arguments": arguments or {},
@@ -60,14 +60,19 @@ def describe_cost(seconds: dict[str, float], photos: int) -> dict[str, Any]:
     }
 
 
-def weights_hash(model: nn.Module) -> str:
-    """SHA-256 over names and values of all parameters and buffers."""
+def model_name(model: nn.Module) -> str:
+    """The name its weights file gives it, or its class's."""
+    return model.info.model if hasattr(model, "info") else type(model).__name__  # pyright: ignore
+
+
+def hash_of_values(model: nn.Module) -> str:
+    """16 digits for a model that came from no file: SHA-256 of all its numbers and their names."""
     digest = hashlib.sha256()
     for name, value in sorted(model.state_dict().items()):
         digest.update(name.encode())
         # As bytes, because NumPy has no bfloat16.
         digest.update(value.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
-    return digest.hexdigest()
+    return digest.hexdigest()[:16]
 
 
 def versions() -> dict[str, str]:

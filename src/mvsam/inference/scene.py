@@ -98,7 +98,7 @@ class _Work:
     ):
         self.session, self.frames, self.folder = session, frames, folder
         self.run, self.save_npz = run, save_npz
-        self.classes: ClassTable = getattr(session.model, "classes", SCANNET20)
+        self.classes = _class_table(session.model)
         self.written: list[str] = []
         self.kept: list[str] = []
 
@@ -129,6 +129,12 @@ class _Work:
 
     def _write_run(self, cost: dict[str, Any]) -> None:
         write_json(self.folder.path / "run.json", self.run | {"kinds": self.folder.kinds} | cost)
+
+
+def _class_table(model: nn.Module) -> ClassTable:
+    """The classes that the model's weights were trained for."""
+    info: Any = getattr(model, "info", None)
+    return ClassTable(info.classes, info.palette) if info and info.classes else SCANNET20
 
 
 def _chosen_tuples(

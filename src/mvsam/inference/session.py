@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import nn
 
@@ -20,7 +19,7 @@ DEFAULT_SIZE = (320, 256)
 """(width, height) of the paper's network, for models that do not say theirs."""
 
 REMEMBERED_PHOTOS = 24
-"""Encoded photos kept at once; those of `base` take about 15 MB each."""
+"""Encoded photos kept at once; those of `base` take about 11 MB each."""
 
 
 class Stopwatch:
@@ -69,7 +68,6 @@ class Session:
         self.stopwatch = Stopwatch()
         self._encoded: OrderedDict[str, EncodedPhoto] = OrderedDict()
         self._remembered_photos = remembered_photos
-        self._origin: np.ndarray | None = None
 
     def predict(self, frames: Sequence[Frame], reference: int = 0) -> PhotoPrediction:
         """Depth, confidence and labels of `frames[reference]`, at its photo's size."""
@@ -86,7 +84,7 @@ class Session:
             self._encoded.move_to_end(frame.name)
             return self._encoded[frame.name]
         with self.stopwatch("read"):
-            views = make_views([self._near_origin(frame)], self.size, self.depth_range)
+            views = make_views([frame], self.size, self.depth_range)
             views = views.to(self.device)
         with self.stopwatch("encode"):
             features = _method(self.model, "encode")(views) if self.can_encode else None
@@ -102,17 +100,6 @@ class Session:
             return self.model(views)
         parts = [photo.features for photo in photos]
         return _method(self.model, "decode")(type(parts[0]).join(parts), views, reference=0)
-
-    def _near_origin(self, frame: Frame) -> Frame:
-        """The frame in a world that starts at the session's first camera.
-
-        Georeferenced poses have coordinates of 1e6 m, of which float32 keeps a quarter of a metre.
-        """
-        if self._origin is None:
-            self._origin = frame.world_from_cam[:3, 3].copy()
-        world_from_cam = frame.world_from_cam.astype(np.float64)
-        world_from_cam[:3, 3] -= self._origin
-        return replace(frame, world_from_cam=world_from_cam)
 
 
 def _side_by_side(parts: Sequence[Views]) -> Views:

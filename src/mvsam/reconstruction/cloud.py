@@ -10,6 +10,7 @@ from jaxtyping import Float, Int, UInt8
 from mvsam.errors import InputError
 from mvsam.reconstruction.filtering import back_project, neighbours, trusted
 from mvsam.reconstruction.folder import DepthView
+from mvsam.reconstruction.settings import CloudSettings
 from mvsam.types import IGNORE
 
 KEY_BITS = 18
@@ -29,22 +30,6 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.points)
-
-
-@dataclass(frozen=True)
-class CloudSettings:
-    """What is kept of the depth maps, and how finely."""
-
-    voxel_size: float = 0.02
-    """Edge of the voxels that points are merged into, metres."""
-    minimum_confidence: float = 0.2
-    """Depths the network is less sure of are left out, 0..1."""
-    minimum_consistent_views: int = 1
-    """So many other photos must agree with a depth."""
-    relative_tolerance: float = 0.03
-    """Depths agree when they differ by at most this fraction."""
-    neighbours: int = 6
-    """How many overlapping photos each photo is compared with."""
 
 
 class VoxelGrid:

@@ -1,0 +1,106 @@
+"""`mvsam VERB`: finds the verb, runs it, and turns every error into one sentence.
+
+Exit codes: 0 done, 1 a failure, 2 bad input, 130 stopped with Ctrl-C.
+"""
+
+import logging
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from mvsam.commands.demo import Demo
+from mvsam.commands.evaluate import Evaluate
+from mvsam.commands.models import Models
+from mvsam.commands.predict import Predict
+from mvsam.commands.reconstruct import Reconstruct
+from mvsam.commands.rooms import Rooms
+from mvsam.commands.train import Train
+from mvsam.errors import InputError, MissingExtraError
+from mvsam.files import DiskFullError
+
+Verb = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Predict, tyro.conf.subcommand("predict")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Evaluate, tyro.conf.subcommand("eval")]
+    | Annotated[Models, tyro.conf.subcommand("models")]
+    | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
+    | Annotated[Rooms, tyro.conf.subcommand("rooms")]
+)
+
+DESCRIPTION = """Metric depth and semantic maps from a few posed photographs.
+
+mvsam VERB --help explains a verb. With --debug anywhere an error shows where it happened;
+--version prints the version."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command line (without the program's name) and returns its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    wants_traceback = "--debug" in arguments
+    arguments = [argument for argument in arguments if argument != "--debug"]
+    _show_warnings()
+    try:
+        _run(arguments)
+    except SystemExit as request:  # how tyro ends --help and wrong options
+        return request.code if isinstance(request.code, int) else 0
+    except KeyboardInterrupt:
+        _complain("stopped; what was written is whole, and the same command goes on from there.")
+        return 130
+    except Exception as error:
+        if wants_traceback:
+            traceback.print_exc()
+        _complain(_sentence(error))
+        return 2 if isinstance(error, InputError | MissingExtraError) else 1
+    return 0
+
+
+def _run(arguments: list[str]) -> None:
+    if arguments[:1] == ["--version"]:
+        from importlib.metadata import version
+
+        print(f"mvsam {version('mvsam')}")
+        return
+    if arguments[:1] == ["train"]:
+        Train.parse(arguments[1:]).run()
+        return
+    verb = tyro.cli(
+        Verb,  # pyright: ignore[reportArgumentType]
+        prog="mvsam",
+        description=DESCRIPTION,
+        args=arguments,
+        config=(tyro.conf.FlagCreatePairsOff,),
+    )
+    verb.run()
+
+
+def _sentence(error: Exception) -> str:
+    """What the user is told: our own sentences as they are, others with their kind."""
+    if isinstance(error, InputError | MissingExtraError | DiskFullError):
+        return str(error)
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text} (--debug shows where)"
+
+
+def _complain(sentence: str) -> None:
+    print(f"error: {sentence}", file=sys.stderr)
+
+
+class _Warnings(logging.Handler):
+    """Prints to the stderr of the moment, which a progress bar replaces."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"warning: {record.getMessage()}", file=sys.stderr)
+
+
+def _show_warnings() -> None:
+    log = logging.getLogger("mvsam")
+    if not any(isinstance(handler, _Warnings) for handler in log.handlers):
+        log.addHandler(_Warnings())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,94 @@
+"""`mvsam eval`."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from mvsam.commands.shared import (
+    Device,
+    Json,
+    load_model,
+    print_json,
+    print_table,
+    progress_bar,
+)
+from mvsam.errors import InputError
+
+if TYPE_CHECKING:
+    from mvsam.data.dataset import TupleDataset
+    from mvsam.evaluation.protocols import Protocol
+
+log = logging.getLogger("mvsam")
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Scores of a model on data with ground truth, under a named protocol.
+
+    Abs and RMSE are metres, Rel, deltas and mIoU fractions in --json; the table shows centimetres
+    and percent.
+
+    Example: mvsam eval tiny --data rooms:val --protocol paper
+    """
+
+    model: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="MODEL")]
+    """Name with embedded weights, path of a .safetensors or .ckpt file, or Hugging Face id."""
+    data: str = "rooms:val"
+    """rooms:val, rooms:test, a part (rooms:val:0-10), or the path of one scene or of several."""
+    protocol: str = "paper"
+    """Which pixels count, at which size: paper or real."""
+    views: int | None = None
+    """Photos that are looked at together; the protocol's number where it is not given."""
+    limit: int | None = None
+    """At most so many view tuples altogether, evenly spaced."""
+    json: Json = False
+    device: Device = "auto"
+    """Where the network runs; auto takes a GPU where there is one."""
+
+    def run(self) -> None:
+        from mvsam.data.sampling import evenly_spaced
+        from mvsam.evaluation.evaluate import evaluate
+
+        protocol = _protocol(self.protocol)
+        model = load_model(self.model, self.device)
+        samples = self._samples(protocol)
+        chosen = evenly_spaced([(index,) for index in range(len(samples))], self.limit)
+        with progress_bar() as progress:
+            task = progress.add_task(f"evaluate {self.model}", total=len(chosen))
+            scores = evaluate(
+                model,
+                (samples[index] for (index,) in chosen),
+                protocol,
+                lambda done: progress.update(task, completed=done),
+            )
+        if self.json:
+            print_json(scores.as_json())
+        else:
+            print_table(scores.as_table())
+
+    def _samples(self, protocol: Protocol) -> TupleDataset:
+        from mvsam.data.catalog import open_data
+        from mvsam.data.dataset import TupleDataset
+
+        samples = TupleDataset(
+            open_data(self.data),
+            num_views=self.views or protocol.num_views,
+            size=protocol.size,
+            depth_range=protocol.depth_range,
+            tuples_per_scene=protocol.tuples_per_scene,
+        )
+        for name in samples.skipped:
+            log.warning("%s: no other photo overlaps it; it is skipped.", name)
+        return samples
+
+
+def _protocol(name: str) -> Protocol:
+    from mvsam.evaluation.protocols import PROTOCOLS
+
+    if name not in PROTOCOLS:
+        raise InputError(f"unknown protocol '{name}'; protocols: {', '.join(PROTOCOLS)}.")
+    return PROTOCOLS[name]

@@ -1,0 +1,85 @@
+"""`mvsam predict`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from mvsam.commands.shared import Device, load_model, progress_bar
+
+if TYPE_CHECKING:
+    from mvsam.inference.scene import SceneResult
+    from mvsam.model import MultiViewSAM
+    from mvsam.types import Scene
+
+
+@dataclass(frozen=True)
+class Predict:
+    """Depth, confidence and labels for every photo of a scene.
+
+    Photos that are done are skipped, so an interrupted run goes on with the same command.
+
+    Example: mvsam predict my_room --out out/my_room
+    """
+
+    scene: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SCENE")]
+    """A scene's folder (color/, poses/, intrinsics.txt), a folder of such, or rooms:val:0-3."""
+    out: Path
+    """Folder for the maps; of several scenes each gets a folder in it."""
+    model: str = "tiny"
+    """Name with embedded weights, path of a .safetensors file, or Hugging Face id."""
+    views: int = 3
+    """Photos that are looked at together: a reference and its best sources, 2 to 8."""
+    depth_range: tuple[float, float] = (0.1, 5.0)
+    """Nearest and farthest depth, metres."""
+    references: tuple[str, ...] = ()
+    """Names of the photos to predict, without ending; all where none is given."""
+    format: str | None = None
+    """Format of the scene; found from its files where it is not given."""
+    save_npz: bool = False
+    """Write depth/NAME.npz too: float32, metres."""
+    overwrite: bool = False
+    """Predict again what is done already."""
+    device: Device = "auto"
+    """Where the network runs; auto takes a GPU where there is one."""
+
+    def run(self) -> None:
+        from mvsam.data.catalog import open_data
+
+        model = load_model(self.model, self.device)
+        scenes = open_data(self.scene, self.format)
+        for scene in scenes:
+            out = self.out if len(scenes) == 1 else self.out / scene.name
+            result = predict_with_bar(self, model, scene, out)
+            print(f"{out}: {len(result.written)} photos predicted{_remark(result)}")
+
+
+def predict_with_bar(
+    arguments: Predict, model: MultiViewSAM, scene: Scene, out: Path
+) -> SceneResult:
+    """`predict_scene` with a progress bar."""
+    from mvsam.inference.scene import predict_scene
+
+    with progress_bar() as progress:
+        task = progress.add_task(f"predict {scene.name}", total=None)
+        return predict_scene(
+            model,
+            scene,
+            out,
+            num_views=arguments.views,
+            depth_range=arguments.depth_range,
+            references=arguments.references or None,
+            overwrite=arguments.overwrite,
+            save_npz=arguments.save_npz,
+            arguments=asdict(arguments) | {"out": str(arguments.out)},
+            on_photo=lambda done, total, _: progress.update(task, completed=done, total=total),
+        )
+
+
+def _remark(result: SceneResult) -> str:
+    kept = f", {len(result.kept)} were done before" if result.kept else ""
+    skipped = f", {len(result.skipped)} skipped" if result.skipped else ""
+    return kept + skipped

@@ -1,0 +1,70 @@
+"""What several verbs need: a model on a device, a progress bar, JSON for scripts."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from mvsam.model import MultiViewSAM
+
+Device = Literal["auto", "cpu", "cuda"]
+"""auto: a GPU where there is one."""
+
+Json = Annotated[bool, tyro.conf.arg(help="Print one JSON document to stdout, for scripts.")]
+
+
+def load_model(name: str, device: Device) -> MultiViewSAM:
+    """The model of a name, path or hub id, on the device."""
+    import torch
+
+    from mvsam import weights
+    from mvsam.errors import InputError
+
+    has_gpu = torch.cuda.is_available()
+    if device == "cuda" and not has_gpu:
+        raise InputError("no CUDA device was found: leave --device out to use the processor.")
+    target = "cuda" if has_gpu and device != "cpu" else "cpu"
+    return weights.load(name).to(target)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """A progress bar on stderr; stdout is for results."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        yield progress
+
+
+def print_json(value: Any) -> None:
+    """One JSON document on stdout."""
+    json.dump(value, sys.stdout, indent=2)
+    sys.stdout.write("\n")
+
+
+def print_table(table: Any) -> None:
+    """A rich table on stdout, as wide as the terminal."""
+    from rich.console import Console
+
+    Console(width=None if sys.stdout.isatty() else 120).print(table)

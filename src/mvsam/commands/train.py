@@ -1,0 +1,69 @@
+"""`mvsam train`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+HELP_FLAGS = ("-h", "--help")
+
+
+@dataclass(frozen=True)
+class Train:
+    """Trains a run, or goes on with it where it stopped.
+
+    Every setting of the run can be changed, as --optimizer.lr 1e-4;
+    mvsam train RUN --help lists them with their values in that run.
+
+    Example: mvsam train tiny_half --out runs/mine --optimizer.steps 500
+    """
+
+    name: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="RUN")]
+    """Name of a run."""
+    out: Path | None = None
+    """Folder for checkpoints, logs and weights; runs/RUN where it is not given."""
+    devices: int = 1
+    """Processes on this machine, one a GPU."""
+    nodes: int = 1
+    """Machines; start the same command on each."""
+    accelerator: Literal["auto", "cpu", "gpu"] = "auto"
+    """What to train on; auto takes GPUs where there are some."""
+    overrides: tyro.conf.Suppress[tuple[str, ...]] = ()
+
+    @staticmethod
+    def parse(arguments: Sequence[str]) -> Train:
+        """Reads the verb's own options and keeps the others for the run's settings."""
+        # Help that follows a name is about that run, not about the verb.
+        is_about_run = bool(arguments) and not arguments[0].startswith("-")
+        asked = [a for a in arguments if is_about_run and a in HELP_FLAGS]
+        verb, others = tyro.cli(
+            Train,
+            prog="mvsam train",
+            args=[a for a in arguments if a not in asked],
+            return_unknown_args=True,
+        )
+        return replace(verb, overrides=(*others, *asked))
+
+    def run(self) -> None:
+        from mvsam.experiments.config import Experiment
+        from mvsam.experiments.driver import train
+        from mvsam.experiments.runs import find_run
+
+        experiment = tyro.cli(
+            Experiment,
+            prog=f"mvsam train {self.name}",
+            default=find_run(self.name),
+            args=list(self.overrides),
+        )
+        weights = train(
+            experiment,
+            self.out or Path("runs") / self.name,
+            self.devices,
+            self.nodes,
+            self.accelerator,
+        )
+        print(f"Weights: {weights}")

@@ -1,0 +1,19 @@
+"""What a reconstruction keeps; apart from the code, so that `--help` need not load it."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """What is kept of the depth maps, and how finely."""
+
+    voxel_size: float = 0.02
+    """Edge of the voxels that points are merged into, metres."""
+    minimum_confidence: float = 0.2
+    """Depths the network is less sure of are left out, 0..1."""
+    minimum_consistent_views: int = 1
+    """So many other photos must agree with a depth."""
+    relative_tolerance: float = 0.03
+    """Depths agree when they differ by at most this fraction."""
+    neighbours: int = 6
+    """How many overlapping photos each photo is compared with."""

@@ -1,0 +1,173 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from mvsam import weights
+from mvsam.build import MODELS
+from mvsam.cli import main
+from mvsam.files import DiskFullError
+from tests.inference.fake_model import FakeModel
+from tests.synthetic import write_posed_folder
+
+
+@pytest.fixture
+def model(monkeypatch) -> FakeModel:
+    """The model that every name stands for here."""
+    fake = FakeModel()
+    monkeypatch.setattr(weights, "load", lambda name: fake)
+    return fake
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> str:
+    write_posed_folder(tmp_path / "room", 4, (128, 96))
+    return str(tmp_path / "room")
+
+
+def predict(room: str, tmp_path: Path, *options: str) -> int:
+    return main(["predict", room, "--out", str(tmp_path / "out"), "--device", "cpu", *options])
+
+
+def test_help_names_every_verb_without_loading_torch(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for verb in ("demo", "predict", "train", "eval", "models", "reconstruct", "rooms"):
+        assert f" {verb} " in text
+    code = "import mvsam.cli, sys; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "verb",
+    ["demo", "predict", "train", "eval", "models", "reconstruct", "rooms preview", "rooms export"],
+)
+def test_each_verb_explains_itself_with_an_example(verb: str, capsys):
+    assert main([*verb.split(), "--help"]) == 0
+    assert f"Example: mvsam {verb}" in " ".join(capsys.readouterr().out.split())
+
+
+def test_version_is_printed(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("mvsam 0.")
+
+
+@pytest.mark.parametrize("arguments", [["fly"], ["predict"], ["predict", "x", "--nope"], []])
+def test_a_wrong_command_line_ends_with_2(arguments: list[str], capsys):
+    assert main(arguments) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_predict_then_reconstruct(model: FakeModel, room: str, tmp_path: Path, capsys):
+    assert predict(room, tmp_path, "--views", "2", "--depth-range", "0.2", "6") == 0
+    assert "4 photos predicted" in capsys.readouterr().out
+    run = json.loads((tmp_path / "out/run.json").read_text())
+    assert run["num_views"] == 2 and run["depth_range"] == [0.2, 6.0]
+    assert run["arguments"]["scene"] == room
+    assert predict(room, tmp_path, "--views", "2", "--depth-range", "0.2", "6") == 0
+    assert "0 photos predicted, 4 were done before" in capsys.readouterr().out
+    ply = tmp_path / "room.ply"
+    fuse = ["reconstruct", str(tmp_path / "out"), "--voxel-size", "0.05", "--out"]
+    assert main([*fuse, str(ply)]) == 0
+    assert "points" in capsys.readouterr().out
+    assert main([*fuse, str(tmp_path / "room.glb"), "--color", "label"]) == 0
+    by_photo = trimesh.load(ply)
+    assert isinstance(by_photo, trimesh.PointCloud) and len(by_photo.vertices) > 500
+    (by_label,) = trimesh.load(tmp_path / "room.glb").geometry.values()  # pyright: ignore
+    assert len(np.unique(by_label.colors, axis=0)) <= 3  # the fake knows three classes
+
+
+def test_several_scenes_get_a_folder_each(model: FakeModel, tmp_path: Path):
+    for name in ("a", "b"):
+        write_posed_folder(tmp_path / "rooms" / name, 2, (128, 96))
+    assert predict(str(tmp_path / "rooms"), tmp_path) == 0
+    assert (tmp_path / "out/a/metrics.json").is_file()
+    assert (tmp_path / "out/b/metrics.json").is_file()
+
+
+def test_skipped_photos_are_warned_about_on_stderr(model, room: str, tmp_path: Path, capsys):
+    np.savetxt(Path(room) / "poses/0003.txt", np.diag([-1.0, 1, -1, 1]))
+    assert predict(room, tmp_path) == 0
+    captured = capsys.readouterr()
+    assert "warning: " in captured.err and "0003" in captured.err
+    assert "3 photos predicted, 1 skipped" in captured.out
+
+
+def test_eval_prints_the_scores_as_json(model: FakeModel, room: str, capsys):
+    model.input_size = (320, 256)
+    assert main(["eval", "any", "--data", room, "--json", "--limit", "2", "--device", "cpu"]) == 0
+    scores = json.loads(capsys.readouterr().out)
+    assert scores["protocol"] == "paper" and scores["num_images"] == 2
+    assert scores["rel"] < 1e-6  # the fake repeats the measured depth
+    assert {"abs", "rmse", "delta_1.03", "delta_1.05", "delta_1.25", "miou"} <= set(scores)
+    assert set(scores["scenes"]) == {"room"}
+
+
+def test_eval_prints_a_table(model: FakeModel, room: str, capsys):
+    assert main(["eval", "any", "--data", room, "--device", "cpu"]) == 0
+    out = capsys.readouterr().out
+    assert "protocol: paper" in out and "total" in out
+
+
+def test_models_lists_every_model_as_json(capsys):
+    assert main(["models", "--json"]) == 0
+    models = {model["name"]: model for model in json.loads(capsys.readouterr().out)}
+    assert set(models) == set(MODELS)
+    assert models["base"]["parameters"] == 94_220_588
+    assert models["cas_mvsnet"]["tasks"] == ["depth"]
+
+
+def test_rooms_export_writes_posed_folders_and_preview_a_picture(tmp_path: Path):
+    assert main(["rooms", "export", "rooms:val:0-1", "--out", str(tmp_path / "rooms")]) == 0
+    (folder,) = (tmp_path / "rooms").iterdir()
+    assert (folder / "views.txt").is_file() and len(list((folder / "color").iterdir())) == 5
+    picture = tmp_path / "sheet.png"
+    assert main(["rooms", "preview", "rooms:val:0-1", "--out", str(picture)]) == 0
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["predict", "nowhere", "--out", "out", "--model", "tinny"], "unknown model 'tinny'"),
+        (["reconstruct", "nowhere", "--out", "room.ply"], "nowhere has no transforms.json"),
+        (["reconstruct", "nowhere", "--out", "room.stl"], "must end in .ply or .glb"),
+        (["eval", "tiny", "--protocol", "scanet"], "unknown protocol 'scanet'"),
+        (["rooms", "preview", "elsewhere"], "does not name rooms"),
+        (["train", "tinny"], "unknown run 'tinny'"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_ends_with_2(arguments, complaint: str, capsys, tmp_path):
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.strip().splitlines()
+    assert line.startswith("error: ") and complaint in line
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, "the same command goes on"),
+        (DiskFullError("the disk is full: no room for x"), 1, "error: the disk is full: no room"),
+        (ZeroDivisionError("by\nnothing"), 1, "ZeroDivisionError: by nothing (--debug"),
+    ],
+)
+def test_failures_are_one_sentence(failure, code: int, said: str, model, room, tmp_path, capsys):
+    model.fail_at = (2, failure)
+    assert predict(room, tmp_path) == code
+    error = capsys.readouterr().err
+    assert said in error and "Traceback" not in error
+    model.fail_at = None
+    assert predict(room, tmp_path) == 0
+    assert "3 photos predicted, 1 were done before" in capsys.readouterr().out
+
+
+def test_debug_shows_the_traceback(model, room: str, tmp_path: Path, capsys):
+    model.fail_at = (1, ZeroDivisionError("by nothing"))
+    assert predict(room, tmp_path, "--debug") == 1
+    assert "Traceback" in capsys.readouterr().err
