@@ -20,8 +20,8 @@ def check_intrinsics(matrix: Float[np.ndarray, "3 3"], size: tuple[int, int], it
         raise InputError(f"{item}: the intrinsics are not finite; calibrate the camera again.")
     if not (fx > 0 and fy > 0):
         raise InputError(
-            f"{item}: the focal lengths must be positive, not {fx:g} and {fy:g} "
-            "(a negative one means mirrored axes: negate it and the matching axis of the poses)."
+            f"{item}: the focal lengths must be positive, not {fx:g} and {fy:g}; a negative one "
+            "means mirrored axes, so negate it and the matching axis of the poses."
         )
     if matrix[1, 0] != 0 or not np.allclose(matrix[2], [0, 0, 1]):
         raise InputError(

@@ -117,8 +117,8 @@ def _class_name(value: object) -> str:
     return value
 
 
-def _color(value: list[int]) -> Color:
-    red, green, blue = value
-    if not all(isinstance(v, int) and 0 <= v <= 255 for v in (red, green, blue)):
-        raise ValueError(f"color {value!r} is not three numbers from 0 to 255")
-    return red, green, blue
+def _color(value: object) -> Color:
+    match value:
+        case [int(red), int(green), int(blue)] if all(0 <= v <= 255 for v in (red, green, blue)):
+            return red, green, blue
+    raise ValueError(f"color {value!r} is not three numbers from 0 to 255")

@@ -161,7 +161,7 @@ def _by_stem(folder: Path, suffixes: tuple[str, ...], kind: str) -> Files:
     if not folder.is_dir():
         raise InputError(f"{folder}: this folder is missing; it holds one {kind} a frame.")
     files: Files = {}
-    for file in sorted(folder.iterdir(), key=lambda file: file.stem):
+    for file in sorted(folder.iterdir(), key=lambda file: (file.stem, file.name)):
         if file.suffix.lower() not in suffixes or file.name.startswith("."):
             continue
         if file.stem in files:

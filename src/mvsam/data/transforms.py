@@ -1,9 +1,11 @@
 """Resizing photos, maps and intrinsics together, in the corner convention."""
 
+from functools import lru_cache
+
 import numpy as np
 import torch
-from jaxtyping import Float, Shaped, UInt8
-from PIL import Image
+import torch.nn.functional as F
+from jaxtyping import Float, Int, Shaped, UInt8
 from torch import Tensor
 
 Size = tuple[int, int]
@@ -14,22 +16,47 @@ def area_resize(
     image: UInt8[np.ndarray, "height width 3"], size: Size
 ) -> Float[Tensor, "3 new_height new_width"]:
     """RGB in [0, 1]: area average along an axis that shrinks, bilinear along one that grows."""
-    picture = Image.fromarray(image)
-    shrunk = (min(size[0], picture.width), min(size[1], picture.height))
-    picture = picture.resize(shrunk, Image.Resampling.BOX).resize(size, Image.Resampling.BILINEAR)
-    return torch.from_numpy(np.array(picture)).permute(2, 0, 1).contiguous().float() / 255
+    height, width = image.shape[:2]
+    values = torch.tensor(image, dtype=torch.float32)
+    if size[1] < height:
+        values = torch.einsum("rh,hwc->rwc", area_weights(height, size[1]), values)
+    if size[0] < width:
+        values = torch.einsum("kw,rwc->rkc", area_weights(width, size[0]), values)
+    resized = values.permute(2, 0, 1).contiguous() / 255
+    if resized.shape[-2:] != (size[1], size[0]):
+        resized = F.interpolate(
+            resized[None], (size[1], size[0]), mode="bilinear", align_corners=False
+        )[0]
+    return resized
+
+
+@lru_cache(maxsize=32)
+def area_weights(old: int, new: int) -> Float[Tensor, "new old"]:
+    """Share of each old pixel in each new one; rows sum to 1.
+
+    (Pillow's box filter takes whole pixels only, which shifts content by up to half a pixel.)
+    """
+    edges = torch.arange(new + 1, dtype=torch.float64) * (old / new)
+    pixels = torch.arange(old, dtype=torch.float64)
+    last = torch.minimum(edges[1:, None], pixels + 1)
+    first = torch.maximum(edges[:-1, None], pixels)
+    covered = (last - first).clamp_min(0)
+    return (covered / covered.sum(1, keepdim=True)).float()
 
 
 def resize_nearest(
     values: Shaped[np.ndarray, "height width"], size: Size
 ) -> Shaped[np.ndarray, "new_height new_width"]:
-    """Depth or labels read at the source pixel that holds each new pixel's centre."""
+    """Depth or labels read at the old pixel that holds each new pixel's centre.
+
+    A centre on the border of two takes the right or lower one.
+    """
     height, width = values.shape
     columns, rows = _nearest_indices(width, size[0]), _nearest_indices(height, size[1])
     return values[rows[:, None], columns]
 
 
-def _nearest_indices(old: int, new: int) -> Shaped[np.ndarray, " new"]:
+def _nearest_indices(old: int, new: int) -> Int[np.ndarray, " new"]:
     """floor((i + 0.5) * old / new), in integers so that no rounding moves a pixel."""
     return (2 * np.arange(new) + 1) * old // (2 * new)
 
