@@ -1,0 +1,62 @@
+import errno
+from pathlib import Path
+
+import pytest
+
+from mvsam.errors import InputError
+from mvsam.files import (
+    DiskFullError,
+    remove_partial_files,
+    writable_folder,
+    write_json,
+    write_whole,
+)
+
+
+@pytest.mark.parametrize("failure", [KeyboardInterrupt(), ValueError("no")])
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, failure):
+    path = tmp_path / "map.png"
+    path.write_text("old")
+
+    def save(file):
+        file.write(b"half of the new")
+        raise failure
+
+    with pytest.raises(type(failure)):
+        write_whole(path, save)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_names_the_file(tmp_path: Path):
+    def save(file):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(DiskFullError, match=r"disk is full: no room for .*map\.png; free some"):
+        write_whole(tmp_path / "deep/map.png", save)
+    assert list((tmp_path / "deep").iterdir()) == []
+
+
+def test_other_system_errors_stay_what_they_are(tmp_path: Path):
+    (tmp_path / "map.png").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_json(tmp_path / "map.png", {})
+
+
+def test_only_fragments_are_cleaned_up(tmp_path: Path):
+    (tmp_path / "depth").mkdir()
+    (tmp_path / "depth/.0001.png.part").touch()
+    (tmp_path / "depth/0001.png").touch()
+    (tmp_path / "notes.part").touch()
+    remove_partial_files(tmp_path)
+    assert {p.name for p in tmp_path.rglob("*") if p.is_file()} == {"0001.png", "notes.part"}
+
+
+def test_a_folder_that_refuses_files_is_named(tmp_path: Path, monkeypatch):
+    def refuse(self):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    assert writable_folder(tmp_path / "new/deep").is_dir()
+    monkeypatch.setattr(Path, "touch", refuse)  # root may write anywhere, so permissions won't do
+    with pytest.raises(InputError, match=r"not writable \(Permission denied\): choose another"):
+        writable_folder(tmp_path / "new")
