@@ -83,7 +83,7 @@ def _rare_point(room: Room, dice: Dice) -> np.ndarray:
     common = (WALL_THINGS.count(label) for label in classes)
     label = classes[dice.weighted([0.25 if is_common else 1.0 for is_common in common])]
     chosen = np.flatnonzero(room.labels == label)
-    return room.triangles[dice.pick(chosen)].mean(axis=0).astype(np.float64)
+    return room.triangles[chosen[dice.count(0, len(chosen) - 1)]].mean(axis=0).astype(np.float64)
 
 
 def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: float):

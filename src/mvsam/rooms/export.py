@@ -11,7 +11,7 @@ from mvsam.types import Frame, Scene
 
 
 def export_posed_folder(scene: Scene, folder: Path) -> None:
-    """Write the posed-folder format: color, depth (16-bit mm), labels, poses, intrinsics, views.txt.
+    """Write a posed folder: color, depth (16-bit mm), labels, poses, intrinsics.txt, views.txt.
 
     The calibration is written as OpenCV gives it, with integer pixel centres: our principal point
     minus 0.5.

@@ -92,11 +92,13 @@ def _windows(dice: Dice, plan: Plan, kind: str, daylight: float) -> float:
     return total
 
 
-def _try(dice: Dice, plan: Plan, maker: Callable[[Dice], Piece], chance: float, **options) -> bool:
-    """With this chance, make a thing and put it against a wall; a smaller one if it does not fit."""
-    if not dice.chance(chance):
-        return False
-    return any(plan.at_wall(dice, maker(dice), **options) for _ in range(2))
+def _try(
+    dice: Dice, plan: Plan, maker: Callable[[Dice], Piece], chance: float,
+    gap: float = 0.01, front: float = 0.0, corner: bool = False,
+) -> None:  # fmt: skip
+    """With this chance, make a thing and put it against a wall; another if it does not fit."""
+    if dice.chance(chance):
+        any(plan.at_wall(dice, maker(dice), gap=gap, front=front, corner=corner) for _ in range(2))
 
 
 def _living(dice: Dice, plan: Plan) -> None:
@@ -125,7 +127,7 @@ def _living(dice: Dice, plan: Plan) -> None:
         plan.in_middle(dice, tables.dining_set(dice))
 
 
-def _lay(plan: Plan, cloth: Piece, angle_deg: float, place: np.ndarray) -> None:
+def _lay(plan: Plan, cloth: Piece, angle_deg: float, place: tuple[float, float]) -> None:
     """Rugs lie under other things, so only the walls stop them."""
     placed = Piece().place(cloth, angle_deg, *place)
     if plan.inside(*placed.bounds()):
@@ -216,7 +218,7 @@ def _bathroom(dice: Dice, plan: Plan) -> None:
     _try(dice, plan, bathroom.paper_holder, 0.6)
     if dice.chance(0.5):
         x0, y0, x1, y1 = plan.rectangles[0]
-        place = np.array([dice.uniform(x0 + 0.6, x1 - 0.6), dice.uniform(y0 + 0.6, y1 - 0.6)])
+        place = dice.uniform(x0 + 0.6, x1 - 0.6), dice.uniform(y0 + 0.6, y1 - 0.6)
         _lay(plan, clutter.rug(dice, dice.uniform(0.6, 0.9), 0.5), dice.pick([0, 90]), place)
 
 
@@ -250,7 +252,8 @@ def _dining(dice: Dice, plan: Plan) -> None:
 def _mixed(dice: Dice, plan: Plan) -> None:
     """A studio: something of everything."""
     _try(dice, plan, beds.bed, 0.8)
-    _run(dice, plan, True) if dice.chance(0.5) else None
+    if dice.chance(0.5):
+        _run(dice, plan, True)
     _try(dice, plan, storage.refrigerator, 0.7, front=0.3)
     _try(dice, plan, tables.desk_set, 0.7)
     _try(dice, plan, seating.sofa, 0.6)

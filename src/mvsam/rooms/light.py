@@ -1,7 +1,7 @@
 """Light at surface points: lamps and windows with soft shadows, and the dim light of corners.
 
-Computed for a quarter of the pixels with a pattern of few rays that differs from pixel to pixel, then
-smoothed along surfaces: light varies slowly where paint and grain do not.
+Each point gets few rays, in a pattern shifted by its `phase`; `smoothing` then averages neighbours
+with different phases along surfaces: light varies slowly where paint and grain do not.
 """
 
 import numpy as np

@@ -173,8 +173,9 @@ def wall_paint(dice: Dice) -> Material:
 
 
 def wall_tiles(dice: Dice) -> Material:
-    color = vary(dice, dice.pick([WHITE, srgb(220, 226, 226), srgb(170, 196, 200), srgb(210, 196, 170),
-                                  srgb(120, 140, 150)]), 0.08)  # fmt: skip
+    color = vary(dice, dice.pick([
+        WHITE, srgb(220, 226, 226), srgb(170, 196, 200), srgb(210, 196, 170), srgb(120, 140, 150),
+    ]), 0.08)  # fmt: skip
     size = dice.pick([0.1, 0.15, 0.2, 0.3])
     return Material("tiles", color, shade(color, 0.6), size, 0.8, 0.5, seed=dice.uniform(0, 50))
 

@@ -81,19 +81,23 @@ def quads(points: np.ndarray) -> np.ndarray:
 
 def box(low: Sequence[float], high: Sequence[float]) -> Soup:
     """An axis-aligned box; the grain follows its longest side."""
-    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-    points = low + _CUBE * (high - low)
-    return flat(quads(points[_CUBE_FACES]), int((high - low).argmax()))
+    points, longest = _box_points(low, high)
+    return flat(quads(points[_CUBE_FACES]), longest)
+
+
+def _box_points(low: Sequence[float], high: Sequence[float]) -> tuple[np.ndarray, int]:
+    """The eight corners and the number of the longest axis."""
+    start, size = np.array(low, dtype=np.float64), np.subtract(high, low, dtype=np.float64)
+    return start + _CUBE * size, int(size.argmax())
 
 
 def tapered(low: Sequence[float], high: Sequence[float], shrink: float, top: bool = True) -> Soup:
     """A box whose top (or bottom) is shrunk about its centre to `shrink` of its size."""
-    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-    points = low + _CUBE * (high - low)
+    points, longest = _box_points(low, high)
     end = _CUBE[:, 2] == (1 if top else 0)
-    centre = (low + high)[:2] / 2
+    centre = np.add(low, high)[:2] / 2
     points[end, :2] = centre + (points[end, :2] - centre) * shrink
-    return flat(quads(points[_CUBE_FACES]), int((high - low).argmax()))
+    return flat(quads(points[_CUBE_FACES]), longest)
 
 
 def grid_surface(points: Float[np.ndarray, "row column 3"], uv: np.ndarray | None = None) -> Soup:
@@ -111,7 +115,7 @@ def grid_surface(points: Float[np.ndarray, "row column 3"], uv: np.ndarray | Non
 
 
 def _cells(grid: np.ndarray) -> np.ndarray:
-    """The two triangles of each cell of a (row, column, channel) grid, as (triangle, 3, channel)."""
+    """The two triangles of each cell of a (row, column, channel) grid: (triangle, 3, channel)."""
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
     first, second = np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)
     return np.concatenate(
@@ -187,7 +191,7 @@ def cushion(
     low: Sequence[float], high: Sequence[float], softness: float = 0.35, rings: int = 8
 ) -> Soup:
     """A soft box: a superellipsoid that fills the bounds; softness 1 is an ellipsoid."""
-    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    centre, half = np.add(low, high) / 2, np.subtract(high, low) / 2
     tilt = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
     turn = np.linspace(-np.pi, np.pi, 2 * rings + 1)[None, :]
     # A soft box is flat on most of its faces, so the samples crowd where it bends.
@@ -207,8 +211,7 @@ def cushion(
             axis=2,
         )
 
-    half = (high - low) / 2
-    points = (low + high) / 2 + surface(softness) * half
+    points = centre + surface(softness) * half
     normals = surface(2 - softness) / np.maximum(half, 1e-6)
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
     corners = _cells(points)
@@ -247,7 +250,8 @@ def sheet(shape: Callable[[np.ndarray, np.ndarray], np.ndarray], rows: int, colu
 
 
 def loft(
-    outline: Sequence[Sequence[float]], sections: Sequence[tuple[float, float, float, float]]
+    outline: Sequence[Sequence[float]] | np.ndarray,
+    sections: Sequence[tuple[float, float, float, float]],
 ) -> Soup:
     """A skin over copies of a closed (x, y) outline; a section is (x scale, y scale, y shift, z).
 

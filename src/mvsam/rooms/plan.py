@@ -8,6 +8,7 @@ from jaxtyping import Float
 from .dice import Dice
 from .mesh import Soup, flat, quads
 from .room import Piece
+import itertools
 
 
 @dataclass
@@ -29,16 +30,17 @@ class Wall:
         """Turns a piece's front from +y to the inside of the room."""
         return float(np.degrees(np.arctan2(self.direction[1], self.direction[0])))
 
-    def point(self, along: float, off: float = 0.0) -> Float[np.ndarray, "2"]:
-        return self.start + along * self.direction + off * self.inward
+    def point(self, along: float, off: float = 0.0) -> tuple[float, float]:
+        x, y = self.start + along * self.direction + off * self.inward
+        return float(x), float(y)
 
     def surface(self, height: float) -> Soup:
         """The wall without its holes; texture coordinates run along the wall and upwards."""
         xs = sorted({0.0, self.length, *(v for a, b, _, _ in self.holes for v in (a, b))})
         zs = sorted({0.0, height, *(v for _, _, a, b in self.holes for v in (a, b))})
         cells = []
-        for a, b in zip(xs[:-1], xs[1:], strict=True):
-            for low, high in zip(zs[:-1], zs[1:], strict=True):
+        for a, b in itertools.pairwise(xs):
+            for low, high in itertools.pairwise(zs):
                 x, z = (a + b) / 2, (low + high) / 2
                 if not any(p < x < q and r < z < s for p, q, r, s in self.holes):
                     cells.append([[a, 0, low], [b, 0, low], [b, 0, high], [a, 0, high]])
@@ -132,8 +134,13 @@ class Plan:
                 return True
         return False
 
-    def cut(self, dice: Dice, w: float, low: float, high: float, depth: float, tries: int = 12):
-        """Cut a hole into a wall with `depth` metres before it kept free; (wall, along, reservation) or None."""
+    def cut(
+        self, dice: Dice, w: float, low: float, high: float, depth: float, tries: int = 12
+    ) -> "tuple[Wall, float, np.ndarray] | None":
+        """Cut a hole into a wall and keep `depth` metres before it free.
+
+        Returns the wall, the hole's middle along it and the reservation, or None.
+        """
         for _ in range(tries):
             wall = self.walls[dice.weighted([w.length for w in self.walls])]
             if wall.length < w + 0.5:

@@ -106,8 +106,10 @@ class Room:
         first, second = result["u"][:, None], result["v"][:, None]
         weights = (1 - first - second, first, second)
         corners, uvs = self._normals[triangle], self._uv[triangle]
-        normal = sum(w * corners[:, i] for i, w in enumerate(weights))
-        uv = sum(w * uvs[:, i] for i, w in enumerate(weights))
+        normal = (
+            weights[0] * corners[:, 0] + weights[1] * corners[:, 1] + weights[2] * corners[:, 2]
+        )
+        uv = weights[0] * uvs[:, 0] + weights[1] * uvs[:, 1] + weights[2] * uvs[:, 2]
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-6)
         normal *= np.where((normal * directions).sum(axis=1, keepdims=True) > 0, -1, 1)
         distance = result["tfar"]

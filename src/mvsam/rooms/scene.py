@@ -12,7 +12,7 @@ from .camera_path import camera_path
 from .dice import Dice
 from .layout import build_room
 from .photo import develop
-from .render import Camera, Rendering, render
+from .render import Camera, render
 from .room import Room
 
 SPLITS: dict[str, int | None] = {"train": None, "val": 100, "test": 100}
@@ -33,7 +33,7 @@ class RoomScene:
         _check(split, index)
         self.split, self.index = split, index
         self._num_frames, self._width, self._height = num_frames, width, height
-        self._rendered: dict[int, tuple[np.ndarray, Rendering]] = {}
+        self._rendered: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     @property
     def name(self) -> str:
@@ -59,9 +59,9 @@ class RoomScene:
             size=(self._width, self._height),
             intrinsics=camera.intrinsics.copy(),
             world_from_cam=camera.world_from_cam.copy(),
-            load_image=self._part(index, lambda image, _: image),
-            load_depth=self._part(index, lambda _, rendering: rendering.depth),
-            load_labels=self._part(index, lambda _, rendering: rendering.labels),
+            load_image=self._map(index, 0),
+            load_depth=self._map(index, 1),
+            load_labels=self._map(index, 2),
         )
 
     def views(self) -> list[tuple[int, ...]]:
@@ -80,14 +80,15 @@ class RoomScene:
         outside = max(0.05 - baseline, 0.0) * 10 + max(baseline - 0.2, 0.0) * 2
         return outside + 0.2 * abs(baseline - 0.12) + max(turn - 0.1, 0.0)
 
-    def _part(self, index: int, choose: Callable[[np.ndarray, Rendering], np.ndarray]):
-        return lambda: choose(*self._render(index)).copy()
+    def _map(self, index: int, which: int) -> Callable[[], np.ndarray]:
+        return lambda: self._render(index)[which].copy()
 
-    def _render(self, index: int) -> tuple[np.ndarray, Rendering]:
+    def _render(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Image, depth and labels."""
         if index not in self._rendered:
             rendering = render(self.room, self.cameras[index])
             image = develop(rendering.radiance, self._exposure, self._dice(2, index))
-            self._rendered[index] = image, rendering
+            self._rendered[index] = image, rendering.depth, rendering.labels
         return self._rendered[index]
 
     @cached_property

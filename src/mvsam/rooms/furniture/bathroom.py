@@ -21,15 +21,19 @@ def toilet(dice: Dice) -> Piece:
     )
     middle = back + 0.24
     foot = dice.uniform(0.5, 0.7)
-    bowl = [(foot, 0.75, -0.05, 0), (foot, 0.75, -0.05, 0.06), (0.62 * foot + 0.2, 0.72, -0.04, 0.2),
-            (0.92, 0.95, 0, 0.33), (1, 1, 0, seat - 0.03)]  # fmt: skip
+    bowl = [
+        (foot, 0.75, -0.05, 0), (foot, 0.75, -0.05, 0.06), (0.62 * foot + 0.2, 0.72, -0.04, 0.2),
+        (0.92, 0.95, 0, 0.33), (1, 1, 0, seat - 0.03),
+    ]  # fmt: skip
     shut = dice.chance(0.55)
     inner = [(1, 1, 0, seat - 0.03), (1.03, 1.02, 0, seat), (0.98, 0.98, 0, seat + 0.012)]
     if shut:
         inner += [(0.9, 0.9, 0, seat + 0.03), (0.001, 0.001, 0, seat + 0.034)]
     else:
-        inner += [(0.68, 0.7, 0, seat + 0.012), (0.62, 0.64, 0, seat - 0.04), (0.3, 0.3, 0, seat - 0.16),
-                  (0.001, 0.001, 0, seat - 0.18)]  # fmt: skip
+        inner += [
+            (0.68, 0.7, 0, seat + 0.012), (0.62, 0.64, 0, seat - 0.04),
+            (0.3, 0.3, 0, seat - 0.16), (0.001, 0.001, 0, seat - 0.18),
+        ]  # fmt: skip
     piece = Piece().add(TOILET, white, loft(egg, bowl).moved(y=middle))
     seat_cover = white if dice.chance(0.85) else m.wood(dice)
     piece.add(TOILET, seat_cover, loft(egg, inner).moved(y=middle))
@@ -74,8 +78,8 @@ def _vanity(dice: Dice) -> Piece:
     )
     top, sw, sd, y = m.stone(dice) if dice.chance(0.5) else m.ceramic(dice), 0.42, 0.3, d * 0.54
     for low, high in [
-        ((-w / 2, 0), (-sw / 2, d)), ((sw / 2, 0), (w / 2, d)), ((-sw / 2, 0), (sw / 2, y - sd / 2)),
-        ((-sw / 2, y + sd / 2), (sw / 2, d)),
+        ((-w / 2, 0), (-sw / 2, d)), ((sw / 2, 0), (w / 2, d)),
+        ((-sw / 2, 0), (sw / 2, y - sd / 2)), ((-sw / 2, y + sd / 2), (sw / 2, d)),
     ]:  # fmt: skip
         piece.add(SINK, top, box((*low, h - 0.03), (*high, h)))
     piece.place(basin(dice, sw, sd, m.ceramic(dice)), 0, 0, y, h)

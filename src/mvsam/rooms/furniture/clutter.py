@@ -254,7 +254,7 @@ def scatter(
         first, last = thing.bounds()
         for _ in range(6):
             x, y = dice.uniform(low[0], high[0]), dice.uniform(low[1], high[1])
-            a, b = first[:2] + [x, y], last[:2] + [x, y]
+            a, b = np.add(first[:2], (x, y)), np.add(last[:2], (x, y))
             inside = (a >= low).all() and (b <= high).all()
             if inside and all((a > d).any() or (b < c).any() for c, d in taken):
                 taken.append((a, b))

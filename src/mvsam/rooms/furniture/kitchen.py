@@ -9,6 +9,7 @@ from ..mesh import box, cylinder, loft, rounded_outline, sheet, tube
 from ..room import Piece
 from . import clutter
 from .storage import fronts, open_carcass, wall_cabinet
+import itertools
 
 DEPTH = 0.62
 
@@ -35,7 +36,8 @@ def kitchen_run(dice: Dice, w: float, upper: bool = True) -> Piece:
     if dice.chance(0.7):
         tiles = m.wall_tiles(dice) if dice.chance(0.7) else top
         piece.add(WALL, tiles, box((-w / 2, 0, h), (w / 2, 0.012, h + 0.52)))
-    _hang_cabinets(dice, piece, w, h + 0.55, stove_x) if upper else None
+    if upper:
+        _hang_cabinets(dice, piece, w, h + 0.55, stove_x)
     for low, high in ((-w / 2 + 0.05, sink_x - 0.32), (sink_x + 0.32, right - 0.05)):
         if high - low > 0.25:
             piece.place(_worktop_things(dice, low, high, h))
@@ -44,7 +46,7 @@ def kitchen_run(dice: Dice, w: float, upper: bool = True) -> Piece:
 
 def _splits(dice: Dice, left: float, right: float, columns: int):
     edges = np.linspace(left, right, columns + 1)
-    return [(a, b, dice.pick([1, 1, 3])) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [(a, b, dice.pick([1, 1, 3])) for a, b in itertools.pairwise(edges)]
 
 
 def _worktop(dice: Dice, piece: Piece, top: m.Material, w: float, h: float, x: float) -> None:
@@ -68,8 +70,9 @@ def basin(dice: Dice, w: float, d: float, material: m.Material | None = None) ->
     )
     outline = rounded_outline(w, d, 0.06)
     sections = [
-        (1.06, 1.08, 0, 0.002), (1.06, 1.08, 0, 0.008), (0.97, 0.97, 0, 0.008), (0.95, 0.94, 0, -0.02),
-        (0.9, 0.88, 0, -0.15), (0.7, 0.65, 0, -0.17), (0.001, 0.001, 0, -0.175),
+        (1.06, 1.08, 0, 0.002), (1.06, 1.08, 0, 0.008), (0.97, 0.97, 0, 0.008),
+        (0.95, 0.94, 0, -0.02), (0.9, 0.88, 0, -0.15), (0.7, 0.65, 0, -0.17),
+        (0.001, 0.001, 0, -0.175),
     ]  # fmt: skip
     drain = cylinder(0.03, -0.176, -0.172, 10)
     return Piece().add(SINK, steel, loft(outline, sections)).add(SINK, m.plain(m.METALS[1]), drain)

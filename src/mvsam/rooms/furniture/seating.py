@@ -5,7 +5,7 @@ import numpy as np
 from .. import materials as m
 from ..classes import CHAIR, OTHER_FURNITURE, SOFA
 from ..dice import Dice
-from ..mesh import box, cushion, cylinder, grid_surface, prism, rounded_outline, tapered, tube
+from ..mesh import box, cushion, cylinder, grid_surface, prism, rounded_outline, tapered
 from ..room import Piece
 from .clutter import pillow
 

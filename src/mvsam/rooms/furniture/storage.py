@@ -8,6 +8,7 @@ from ..dice import Dice
 from ..mesh import box, cushion, cylinder, tube
 from ..room import Piece
 from . import clutter
+import itertools
 
 
 def fronts(
@@ -36,7 +37,7 @@ def open_carcass(
     high: tuple[float, float, float], fill: float,
 ) -> None:  # fmt: skip
     """A body solid up to height `fill`, with thin walls above, so that a basin can hang in it."""
-    (x0, y0, z0), (x1, y1, z1), t = low, high, 0.016
+    (x0, y0, _), (x1, y1, z1), t = low, high, 0.016
     piece.add(label, material, box(low, (x1, y1, fill)))
     piece.add(label, material, box((x0, y0, fill), (x0 + t, y1, z1)))
     piece.add(label, material, box((x1 - t, y0, fill), (x1, y1, z1)))
@@ -160,8 +161,8 @@ def bookshelf(dice: Dice) -> Piece:
     xs, zs = np.linspace(-w / 2, w / 2 - t, columns + 1), np.linspace(0.06, h - t, rows + 1)
     for x in xs[1:-1]:
         piece.add(BOOKSHELF, material, box((x, 0, 0.06), (x + t, d, h)))
-    for left, right in zip(xs[:-1], xs[1:], strict=True):
-        for low, high in zip(zs[:-1], zs[1:], strict=True):
+    for left, right in itertools.pairwise(xs):
+        for low, high in itertools.pairwise(zs):
             content = _shelf_content(dice, right - left - t, d, high - low - t)
             for soup, _, cover in content.parts:
                 piece.add(BOOKSHELF, cover, soup.moved(left + t, 0.01, low + t))

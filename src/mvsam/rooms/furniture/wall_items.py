@@ -139,7 +139,7 @@ def _blind(dice: Dice, w: float, h: float, y: float) -> Piece:
 
 
 def curtains(dice: Dice, w: float, sill: float, top: float) -> Piece:
-    """A pair of curtains beside a window w wide, floor- or sill-length, on a rod; z from the floor."""
+    """Curtains on a rod before a window w wide, down to the floor or the sill; z from the floor."""
     color = dice.pick(m.FABRICS + m.BRIGHTS + [m.WHITE, m.WHITE])
     cloth = m.fabric(dice, color)
     low = dice.uniform(0.02, 0.1) if dice.chance(0.7) else max(0.05, sill - 0.15)
@@ -160,10 +160,11 @@ def curtains(dice: Dice, w: float, sill: float, top: float) -> Piece:
 def picture(dice: Dice) -> Piece:
     """A framed painting or photograph, or a bare poster, about the origin."""
     w, h = dice.uniform(0.22, 1.0), dice.uniform(0.22, 0.8)
-    colors = [m.srgb(*(dice.uniform(10, 250) for _ in range(3))) for _ in range(2)]
+    first, second = (m.srgb(*(dice.uniform(10, 250) for _ in range(3))) for _ in range(2))
     art = m.Material(
         "painting",
-        *colors,
+        first,
+        second,
         1.0,
         dice.uniform(0, 1),
         dice.pick([0.0, 0.4]),
@@ -178,9 +179,11 @@ def picture(dice: Dice) -> Piece:
     )
     piece = Piece()
     for low, high in [
-        ((-w / 2, 0, -h / 2), (w / 2, 0.025, -h / 2 + rim)), ((-w / 2, 0, h / 2 - rim), (w / 2, 0.025, h / 2)),
-        ((-w / 2, 0, -h / 2), (-w / 2 + rim, 0.025, h / 2)), ((w / 2 - rim, 0, -h / 2), (w / 2, 0.025, h / 2)),
-    ]:  # fmt: skip
+        ((-w / 2, 0, -h / 2), (w / 2, 0.025, -h / 2 + rim)),
+        ((-w / 2, 0, h / 2 - rim), (w / 2, 0.025, h / 2)),
+        ((-w / 2, 0, -h / 2), (-w / 2 + rim, 0.025, h / 2)),
+        ((w / 2 - rim, 0, -h / 2), (w / 2, 0.025, h / 2)),
+    ]:
         piece.add(PICTURE, frame, box(low, high))
     w, h = w - 2 * rim, h - 2 * rim
     if dice.chance(0.4):
