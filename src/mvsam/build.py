@@ -112,7 +112,7 @@ def tiny_vit() -> VisionTransformerSAM:
         window_size=10,
         global_attn_indexes=(2, 5),
         neck_chans=TINY_CHANNELS,
-        norm_layer=partial(nn.LayerNorm, eps=1e-6),
+        norm_layer=partial(nn.LayerNorm, eps=1e-6),  # pyright: ignore[reportArgumentType]
         embed_layer=ConvStem,
     )
 

@@ -29,7 +29,7 @@ def sam_vit_b() -> VisionTransformerSAM:
         window_size=14,
         global_attn_indexes=(2, 5, 8, 11),
         neck_chans=256,
-        norm_layer=partial(nn.LayerNorm, eps=1e-6),
+        norm_layer=partial(nn.LayerNorm, eps=1e-6),  # pyright: ignore[reportArgumentType]
     )
 
 

@@ -83,7 +83,7 @@ def use_plain_attention(model: MultiViewSAM) -> None:
     has no fast backward with SAM's relative positions (docs/log.md)."""
     if model.semantic_encoder is not None:
         for block in model.semantic_encoder.backbone.blocks:
-            block.attn.fused_attn = False
+            block.attn.fused_attn = False  # pyright: ignore
 
 
 class ExperimentData(LightningDataModule):

@@ -29,7 +29,7 @@ def parameter_groups(model: nn.Module, config: OptimizerConfig) -> list[dict]:
     """What learns, in two groups: tuned blocks of a pre-trained SAM, and the rest."""
     encoder = getattr(model, "semantic_encoder", None)
     is_pretrained = encoder is not None and encoder.tuned_blocks is not None
-    slow = {id(p) for p in encoder.parameters()} if is_pretrained else set()
+    slow = {id(p) for p in encoder.parameters()} if encoder and is_pretrained else set()
     learned = [p for p in model.parameters() if p.requires_grad]
     groups = [
         {"params": [p for p in learned if id(p) not in slow], "lr": config.lr},

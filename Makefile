@@ -1,0 +1,39 @@
+# `make demo` and `make test` set everything up by themselves; both are quick the second time.
+
+PYTHON ?= python3
+BIN := .venv/bin
+INSTALLED := .venv/installed
+# One thread a process: the test workers share the cores.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/pytest -n auto
+
+.PHONY: demo test test-slow lint types check clean
+.DEFAULT_GOAL := demo
+
+demo: $(INSTALLED)  ## the embedded room through the embedded weights, into out/demo
+	$(BIN)/mvsam demo --out out/demo
+
+test: $(INSTALLED)  ## everything that needs minutes, not more
+	$(PYTEST)
+
+test-slow: $(INSTALLED)  ## full-size models
+	OMP_NUM_THREADS= $(BIN)/pytest -m slow
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)
+	$(BIN)/pyright
+
+check: lint types test
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "mvsam needs Python 3.11 or later: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+clean:
+	rm -rf .venv out
