@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-IGNORE = 255
+from mvsam.types import IGNORE, Frame
+
 BOX_MIN = np.array([-2.0, -1.3, -1.0])
 BOX_MAX = np.array([2.0, 1.2, 3.0])
 """Corners of the room, metres; y points down, so y = 1.2 is the floor."""
@@ -126,3 +127,17 @@ def write_posed_folder(
         lines = [" ".join([n, *(m for m in names if m != n)]) for n in names]
         (path / "views.txt").write_text("# reference, sources\n" + "\n".join(lines) + "\n")
     return truth
+
+
+def depth_of(frame: Frame) -> np.ndarray:
+    """The depth of a frame that has one."""
+    depth = frame.depth
+    assert depth is not None
+    return depth
+
+
+def labels_of(frame: Frame) -> np.ndarray:
+    """The labels of a frame that has some."""
+    labels = frame.labels
+    assert labels is not None
+    return labels

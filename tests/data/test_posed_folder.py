@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from mvsam.data.posed_folder import PosedFolder
-from tests.synthetic import write_posed_folder
+from tests.synthetic import depth_of, labels_of, write_posed_folder
 
 
 @pytest.mark.parametrize("extension", ["png", "jpg", "JPG", "jpeg"])
@@ -22,9 +22,9 @@ def test_pixels_depth_labels_and_poses_are_those_written(tmp_path):
     truth = write_posed_folder(tmp_path)
     frame = PosedFolder(tmp_path).frame(1)
     np.testing.assert_array_equal(frame.image, truth[1].image)
-    np.testing.assert_array_equal(frame.labels, truth[1].labels)
-    np.testing.assert_allclose(frame.depth, truth[1].depth, atol=0.5e-3)  # whole millimetres
-    assert frame.depth.dtype == np.float32
+    np.testing.assert_array_equal(labels_of(frame), truth[1].labels)
+    np.testing.assert_allclose(depth_of(frame), truth[1].depth, atol=0.5e-3)  # whole millimetres
+    assert depth_of(frame).dtype == np.float32
     np.testing.assert_allclose(frame.world_from_cam, truth[1].world_from_cam, atol=1e-8)
 
 
@@ -43,7 +43,7 @@ def test_true_depth_carries_the_colours_of_one_photo_into_another(tmp_path):
     rows, columns = np.mgrid[5:115:7, 5:155:7]
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(rows.shape)], axis=-1)
     rays = pixels @ np.linalg.inv(reference.intrinsics).T
-    points = rays * reference.depth[rows, columns][..., None]
+    points = rays * depth_of(reference)[rows, columns][..., None]
     source_from_reference = np.linalg.inv(source.world_from_cam) @ reference.world_from_cam
     seen = points @ source_from_reference[:3, :3].T + source_from_reference[:3, 3]
     projected = seen @ source.intrinsics.T
@@ -96,7 +96,7 @@ def test_depth_and_labels_are_optional_and_may_exist_for_some_photos(tmp_path):
 def test_zero_millimetres_stay_unknown(tmp_path):
     write_posed_folder(tmp_path)
     Image.fromarray(np.zeros((48, 64), np.uint16)).save(tmp_path / "depth/0000.png")
-    assert PosedFolder(tmp_path).frame(0).depth.max() == 0
+    assert depth_of(PosedFolder(tmp_path).frame(0)).max() == 0
 
 
 def test_palette_label_maps_are_read_as_numbers(tmp_path):
@@ -104,7 +104,7 @@ def test_palette_label_maps_are_read_as_numbers(tmp_path):
     picture = Image.fromarray(truth[0].labels)
     picture.putpalette([255 - v // 3 for v in range(768)])
     picture.save(tmp_path / "labels/0000.png")
-    np.testing.assert_array_equal(PosedFolder(tmp_path).frame(0).labels, truth[0].labels)
+    np.testing.assert_array_equal(labels_of(PosedFolder(tmp_path).frame(0)), truth[0].labels)
 
 
 def test_grey_and_transparent_photos_become_rgb(tmp_path):
@@ -130,7 +130,7 @@ def test_classes_json_replaces_scannets_classes(tmp_path):
     (tmp_path / "classes.json").write_text(json.dumps(table))
     scene = PosedFolder(tmp_path)
     assert scene.classes.names == ("plane", "ground")
-    assert set(np.unique(scene.frame(0).labels)) <= {0, 1, 255}
+    assert set(np.unique(labels_of(scene.frame(0)))) <= {0, 1, 255}
 
 
 def test_opening_reads_no_pixels(tmp_path, monkeypatch):

@@ -1,0 +1,60 @@
+import pytest
+
+from mvsam.data.catalog import open_data
+from mvsam.errors import InputError
+from tests.synthetic import write_posed_folder
+
+
+def test_a_scene_folder_is_a_list_of_one(tmp_path):
+    write_posed_folder(tmp_path / "room")
+    assert [scene.name for scene in open_data(str(tmp_path / "room"))] == ["room"]
+
+
+def test_a_folder_of_scene_folders_is_all_of_them_sorted(tmp_path):
+    for name in ("b", "a", "c"):
+        write_posed_folder(tmp_path / name)
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "readme.txt").write_text("not a scene")
+    assert [scene.name for scene in open_data(str(tmp_path))] == ["a", "b", "c"]
+
+
+def test_a_bad_scene_among_good_ones_is_not_passed_over(tmp_path):
+    for name in "ab":
+        write_posed_folder(tmp_path / name)
+    (tmp_path / "b/intrinsics.txt").unlink()
+    with pytest.raises(InputError, match=r"b/intrinsics\.txt"):
+        open_data(str(tmp_path))
+
+
+def test_a_path_without_scenes_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no scene we know"):
+        open_data(str(tmp_path))
+    with pytest.raises(InputError, match="no such folder"):
+        open_data(str(tmp_path / "nowhere"))
+
+
+def test_rooms_are_built_when_asked_for_and_stay_the_same():
+    scenes = open_data("rooms:val")
+    assert len(scenes) == 100
+    part = open_data("rooms:val:3-5")
+    assert len(part) == 2
+    assert part[0].name == scenes[3].name
+    assert part[-1].name == scenes[4].name
+    assert [scene.name for scene in part[:]] == [scenes[3].name, scenes[4].name]
+    with pytest.raises(IndexError):
+        part[2]
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("rooms:valid", "one of the splits train, val, test"),
+        ("rooms:val:5", "expected rooms:SPLIT or rooms:SPLIT:FIRST-END"),
+        ("rooms:val:5-5", "the part is empty;"),
+        ("rooms:val:90-101", "this split has 100 scenes; end at 100"),
+        ("rooms:train", "has no end; name a part, as rooms:train:0-100"),
+    ],
+)
+def test_bad_names_of_rooms_are_explained(name, reason):
+    with pytest.raises(InputError, match=reason):
+        open_data(name)
