@@ -1,0 +1,57 @@
+"""Metric depth and semantic maps from a few posed photographs of a room.
+
+    model = mvsam.load("tiny")
+    photos = mvsam.predict(model, images, intrinsics, world_from_cam)
+    photos[0].depth, photos[0].labels
+
+Names are looked up when first used, so `import mvsam` is quick.
+"""
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mvsam.build import build
+    from mvsam.data.formats import open_scene
+    from mvsam.inference.photos import predict
+    from mvsam.types import Frame, Prediction, Scene, Targets, Views
+    from mvsam.weights import from_pretrained, load, push_to_hub, save
+
+__version__ = version("mvsam")
+
+_HOMES = {
+    "Frame": "mvsam.types",
+    "Prediction": "mvsam.types",
+    "Scene": "mvsam.types",
+    "Targets": "mvsam.types",
+    "Views": "mvsam.types",
+    "build": "mvsam.build",
+    "from_pretrained": "mvsam.weights",
+    "load": "mvsam.weights",
+    "open_scene": "mvsam.data.formats",
+    "predict": "mvsam.inference.photos",
+    "push_to_hub": "mvsam.weights",
+    "save": "mvsam.weights",
+}
+
+__all__ = [
+    "Frame",
+    "Prediction",
+    "Scene",
+    "Targets",
+    "Views",
+    "build",
+    "from_pretrained",
+    "load",
+    "open_scene",
+    "predict",
+    "push_to_hub",
+    "save",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'mvsam' has no attribute '{name}'")
+    return getattr(import_module(_HOMES[name]), name)

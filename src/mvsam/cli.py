@@ -11,6 +11,7 @@ from typing import Annotated
 
 import tyro
 
+from mvsam.commands.bench import Bench
 from mvsam.commands.demo import Demo
 from mvsam.commands.evaluate import Evaluate
 from mvsam.commands.models import Models
@@ -29,6 +30,7 @@ Verb = (
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
     | Annotated[Rooms, tyro.conf.subcommand("rooms")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 
 DESCRIPTION = """Metric depth and semantic maps from a few posed photographs.
