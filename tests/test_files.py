@@ -1,8 +1,13 @@
 import errno
+import resource
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
+import mvsam.files
 from mvsam.errors import InputError
 from mvsam.files import (
     DiskFullError,
@@ -28,13 +33,32 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, fai
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_full_disk_names_the_file(tmp_path: Path):
-    def save(file):
+def test_a_full_disk_names_the_file(tmp_path: Path, monkeypatch):
+    def no_room(source, target):
         raise OSError(errno.ENOSPC, "No space left on device")
 
+    monkeypatch.setattr(mvsam.files.os, "replace", no_room)
     with pytest.raises(DiskFullError, match=r"disk is full: no room for .*map\.png; free some"):
-        write_whole(tmp_path / "deep/map.png", save)
+        write_json(tmp_path / "deep/map.png", {})
     assert list((tmp_path / "deep").iterdir()) == []
+
+
+def test_a_write_cut_short_is_noticed(tmp_path: Path):
+    noise = np.random.default_rng(0).integers(0, 256, (128, 128, 3)).astype(np.uint8)
+
+    def save(file):
+        Image.fromarray(noise).save(file, format="JPEG")
+
+    save(whole := BytesIO())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # As a disk with ten bytes too little room.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole.getbuffer()) - 10, limits[1]))
+    try:
+        with pytest.raises(OSError):
+            write_whole(tmp_path / "map.jpg", save)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_other_system_errors_stay_what_they_are(tmp_path: Path):

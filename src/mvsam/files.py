@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -35,16 +36,20 @@ def disk_full_as_sentence(path: Path) -> Iterator[None]:
 
 
 def write_whole(path: Path, save: Callable[[BinaryIO], Any]) -> None:
-    """Calls `save(file)` on a temporary neighbour of `path`, then renames it to `path`.
+    """Writes what `save(file)` produces to a temporary neighbour of `path`, then renames that.
 
-    Nothing is left behind when `save` raises, be it a full disk or Ctrl-C.
+    Nothing is left behind when writing fails, be it a full disk or Ctrl-C.
     """
+    # Pillow writes straight to the descriptor of a real file and overlooks a write that a nearly
+    # full disk cuts short; Python's own write of the finished bytes does not.
+    content = BytesIO()
+    save(content)
     partial = path.with_name(f".{path.name}{PARTIAL}")
     with disk_full_as_sentence(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("wb") as file:
-                save(file)
+                file.write(content.getbuffer())
             os.replace(partial, path)
         finally:
             partial.unlink(missing_ok=True)
