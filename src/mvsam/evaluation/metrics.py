@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int, Int64
+from jaxtyping import Bool, Float, Int64, Integer
 from torch import Tensor
 
 from mvsam.types import IGNORE
@@ -90,7 +90,7 @@ class ConfusionMatrix:
 
     @staticmethod
     def of_labels(
-        predicted: Int[Tensor, "*any"], truth: Int[Tensor, "*any"], num_classes: int
+        predicted: Integer[Tensor, "*any"], truth: Integer[Tensor, "*any"], num_classes: int
     ) -> "ConfusionMatrix":
         """The counts of some pixels; labels are 0..num_classes-1 or `IGNORE`."""
         labelled = truth != IGNORE
