@@ -36,7 +36,7 @@ def predict(room: str, tmp_path: Path, *options: str) -> int:
 def test_help_names_every_verb_without_loading_torch(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for verb in ("demo", "predict", "train", "eval", "models", "reconstruct", "rooms"):
+    for verb in ("demo", "predict", "train", "eval", "models", "bench", "reconstruct", "rooms"):
         assert f" {verb} " in text
     code = "import mvsam.cli, sys; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
@@ -44,7 +44,17 @@ def test_help_names_every_verb_without_loading_torch(capsys):
 
 @pytest.mark.parametrize(
     "verb",
-    ["demo", "predict", "train", "eval", "models", "reconstruct", "rooms preview", "rooms export"],
+    [
+        "demo",
+        "predict",
+        "train",
+        "eval",
+        "models",
+        "bench",
+        "reconstruct",
+        "rooms preview",
+        "rooms export",
+    ],
 )
 def test_each_verb_explains_itself_with_an_example(verb: str, capsys):
     assert main([*verb.split(), "--help"]) == 0
