@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .classes import CABINET, CLUTTER, CURTAIN, DOOR, FLOOR, PICTURE, WINDOW
-from .dice import Dice
+from .dice import Dice, Number
 from .mesh import rotation_about
 from .render import Camera
 from .room import Room
@@ -29,7 +29,7 @@ def intrinsics(dice: Dice, width: int, height: int) -> Float[np.ndarray, "3 3"]:
     )
 
 
-def look(position: np.ndarray, yaw_deg: float, pitch_deg: float, roll_deg: float) -> np.ndarray:
+def look(position: np.ndarray, yaw_deg: Number, pitch_deg: Number, roll_deg: Number) -> np.ndarray:
     """world_from_cam: yaw about z from the x axis, positive pitch looks up."""
     forward_x = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], dtype=np.float64)
     tilt = rotation_about("y", -pitch_deg)
@@ -86,7 +86,7 @@ def _rare_point(room: Room, dice: Dice) -> np.ndarray:
     return room.triangles[chosen[dice.count(0, len(chosen) - 1)]].mean(axis=0).astype(np.float64)
 
 
-def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: float):
+def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number):
     """Poses of one short path, or None if it comes too near to something."""
     start = _stand(room, dice)
     yaw, pitch, roll = dice.uniform(0, 360), dice.uniform(-32, 3), dice.uniform(-4, 4)

@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 Item = TypeVar("Item")
+Number = float | int
+"""A length, an angle or a chance; whole ones are written as integers."""
 
 
 class Dice:
@@ -20,10 +22,10 @@ class Dice:
         sequence = np.random.SeedSequence(key)
         self._generator = np.random.Generator(np.random.PCG64(sequence))
 
-    def uniform(self, low: float = 0.0, high: float = 1.0) -> float:
+    def uniform(self, low: Number = 0.0, high: Number = 1.0) -> float:
         return low + (high - low) * float(self._generator.random())
 
-    def chance(self, probability: float) -> bool:
+    def chance(self, probability: Number) -> bool:
         return self.uniform() < probability
 
     def count(self, low: int, high: int) -> int:
@@ -33,7 +35,7 @@ class Dice:
     def pick(self, items: Sequence[Item]) -> Item:
         return items[self.count(0, len(items) - 1)]
 
-    def weighted(self, weights: Sequence[float]) -> int:
+    def weighted(self, weights: Sequence[Number]) -> int:
         """An index, drawn in proportion to the weights."""
         total = np.cumsum(np.asarray(weights, dtype=np.float64))
         return min(len(weights) - 1, int(np.searchsorted(total, self.uniform() * total[-1])))

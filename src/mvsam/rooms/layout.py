@@ -6,7 +6,7 @@ import numpy as np
 
 from . import materials as m
 from .classes import CLUTTER, FLOOR, WALL
-from .dice import Dice
+from .dice import Dice, Number
 from .furniture import bathroom, beds, clutter, kitchen, seating, storage, tables, wall_items
 from .mesh import box, lathe, prism, rounded_outline
 from .plan import Plan
@@ -65,7 +65,7 @@ def _doors(dice: Dice, plan: Plan, ground: m.Material, paint: m.Material) -> Non
             )
 
 
-def _windows(dice: Dice, plan: Plan, kind: str, daylight: float) -> float:
+def _windows(dice: Dice, plan: Plan, kind: str, daylight: Number) -> float:
     """Windows, most with curtains; returns the total light they let in."""
     total = 0.0
     for _ in range(dice.pick([1, 1, 2, 2] if kind != "bathroom" else [0, 1, 1])):
@@ -93,8 +93,8 @@ def _windows(dice: Dice, plan: Plan, kind: str, daylight: float) -> float:
 
 
 def _try(
-    dice: Dice, plan: Plan, maker: Callable[[Dice], Piece], chance: float,
-    gap: float = 0.01, front: float = 0.0, corner: bool = False,
+    dice: Dice, plan: Plan, maker: Callable[[Dice], Piece], chance: Number,
+    gap: Number = 0.01, front: Number = 0.0, corner: bool = False,
 ) -> None:  # fmt: skip
     """With this chance, make a thing and put it against a wall; another if it does not fit."""
     if dice.chance(chance):
@@ -127,7 +127,7 @@ def _living(dice: Dice, plan: Plan) -> None:
         plan.in_middle(dice, tables.dining_set(dice))
 
 
-def _lay(plan: Plan, cloth: Piece, angle_deg: float, place: tuple[float, float]) -> None:
+def _lay(plan: Plan, cloth: Piece, angle_deg: Number, place: tuple[Number, Number]) -> None:
     """Rugs lie under other things, so only the walls stop them."""
     placed = Piece().place(cloth, angle_deg, *place)
     if plan.inside(*placed.bounds()):
@@ -295,7 +295,7 @@ def _floor_clutter(dice: Dice, plan: Plan) -> None:
         plan.in_middle(dice, dice.pick(clutter.FLOOR_THINGS)(dice), tries=8)
 
 
-def _lamps(dice: Dice, plan: Plan, kind: str, daylight: float) -> None:
+def _lamps(dice: Dice, plan: Plan, kind: str, daylight: Number) -> None:
     """Ceiling lamps; they are off in some bright rooms."""
     lit = daylight < 0.8 or dice.chance(0.6)
     warm = dice.pick([(1.0, 0.93, 0.82), (1.0, 0.86, 0.68), (0.97, 0.99, 1.0), (1.0, 0.97, 0.92)])
@@ -308,7 +308,7 @@ def _lamps(dice: Dice, plan: Plan, kind: str, daylight: float) -> None:
             plan.piece.place(lamp, 0, *place)
 
 
-def _ceiling_lamp(dice: Dice, kind: str, height: float, power: float, warm) -> Piece:
+def _ceiling_lamp(dice: Dice, kind: str, height: Number, power: Number, warm) -> Piece:
     glow = m.plain(warm, emission=3.0 if power else 0.0)
     office = kind in ("office", "kitchen") and dice.chance(0.5)
     piece, drop = Piece(), 0.07
@@ -376,7 +376,7 @@ def _enclose(dice: Dice, plan: Plan, ground: m.Material, paint: m.Material) -> N
     plan.piece.add(CLUTTER, m.plain((0.01, 0.01, 0.01)), hull)
 
 
-def _skirting(plan: Plan, wall, tall: float, trim: m.Material) -> None:
+def _skirting(plan: Plan, wall, tall: Number, trim: m.Material) -> None:
     edges = [
         0.0,
         *(v for a, b, low, _ in sorted(wall.holes) if low == 0 for v in (a - 0.07, b + 0.07)),
@@ -388,7 +388,7 @@ def _skirting(plan: Plan, wall, tall: float, trim: m.Material) -> None:
             plan.piece.add(WALL, trim, board.moved(*wall.start))
 
 
-def _ambient(dice: Dice, plan: Plan, paint: m.Material, daylight: float) -> m.Color:
+def _ambient(dice: Dice, plan: Plan, paint: m.Material, daylight: Number) -> m.Color:
     """Light that has bounced about: a share of all lamps and windows, tinted by the walls."""
     x0, y0, x1, y1 = plan.rectangles[0]
     area = (x1 - x0) * (y1 - y0)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .dice import Dice
+from .dice import Dice, Number
 
 Color = tuple[float, float, float]
 """Linear-light albedo, 0..1."""
@@ -34,18 +34,18 @@ class Material:
         return replace(self, color=color)
 
 
-def srgb(*values: float) -> Color:
+def srgb(*values: Number) -> Color:
     """Linear albedo of an 8-bit display colour."""
     red, green, blue = (float((v / 255.0) ** 2.2) for v in values)
     return red, green, blue
 
 
-def shade(color: Color, factor: float) -> Color:
+def shade(color: Color, factor: Number) -> Color:
     red, green, blue = (float(np.clip(c * factor, 0.01, 0.92)) for c in color)
     return red, green, blue
 
 
-def vary(dice: Dice, color: Color, amount: float = 0.15) -> Color:
+def vary(dice: Dice, color: Color, amount: Number = 0.15) -> Color:
     """The colour, a little lighter or darker and slightly off in hue."""
     base = dice.uniform(1 - amount, 1 + amount)
     red, green, blue = (
@@ -82,7 +82,9 @@ WHITE = srgb(240, 240, 238)
 BLACK = srgb(30, 30, 33)
 
 
-def plain(color: Color, gloss: float = 0.0, emission: float = 0.0, seed: float = 0.0) -> Material:
+def plain(
+    color: Color, gloss: Number = 0.0, emission: Number = 0.0, seed: Number = 0.0
+) -> Material:
     return Material("plain", color, color, 1.0, 1.0, gloss, emission, seed)
 
 

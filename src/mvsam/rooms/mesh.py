@@ -10,6 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .dice import Number
+
+Corner = Sequence[Number]
+"""(x, y, z)."""
+
 
 @dataclass(frozen=True)
 class Soup:
@@ -19,18 +24,18 @@ class Soup:
     normals: Float[np.ndarray, "triangle 3 3"]
     uv: Float[np.ndarray, "triangle 3 2"]
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Soup":
+    def moved(self, x: Number = 0.0, y: Number = 0.0, z: Number = 0.0) -> "Soup":
         return Soup(self.corners + np.array([x, y, z]), self.normals, self.uv)
 
     def rotated(self, rotation: Float[np.ndarray, "3 3"]) -> "Soup":
         return Soup(self.corners @ rotation.T, self.normals @ rotation.T, self.uv)
 
-    def turned(self, angle_deg: float, axis: str = "z") -> "Soup":
+    def turned(self, angle_deg: Number, axis: str = "z") -> "Soup":
         """Turned about a coordinate axis, counter-clockwise seen from its tip."""
         return self.rotated(rotation_about(axis, angle_deg))
 
 
-def rotation_about(axis: str, angle_deg: float) -> Float[np.ndarray, "3 3"]:
+def rotation_about(axis: str, angle_deg: Number) -> Float[np.ndarray, "3 3"]:
     cos, sin = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
     rotation = np.eye(3)
@@ -79,19 +84,19 @@ def quads(points: np.ndarray) -> np.ndarray:
     return np.concatenate([points[:, [0, 1, 2]], points[:, [0, 2, 3]]])
 
 
-def box(low: Sequence[float], high: Sequence[float]) -> Soup:
+def box(low: Corner, high: Corner) -> Soup:
     """An axis-aligned box; the grain follows its longest side."""
     points, longest = _box_points(low, high)
     return flat(quads(points[_CUBE_FACES]), longest)
 
 
-def _box_points(low: Sequence[float], high: Sequence[float]) -> tuple[np.ndarray, int]:
+def _box_points(low: Corner, high: Corner) -> tuple[np.ndarray, int]:
     """The eight corners and the number of the longest axis."""
     start, size = np.array(low, dtype=np.float64), np.subtract(high, low, dtype=np.float64)
     return start + _CUBE * size, int(size.argmax())
 
 
-def tapered(low: Sequence[float], high: Sequence[float], shrink: float, top: bool = True) -> Soup:
+def tapered(low: Corner, high: Corner, shrink: Number, top: bool = True) -> Soup:
     """A box whose top (or bottom) is shrunk about its centre to `shrink` of its size."""
     points, longest = _box_points(low, high)
     end = _CUBE[:, 2] == (1 if top else 0)
@@ -123,7 +128,7 @@ def _cells(grid: np.ndarray) -> np.ndarray:
     )
 
 
-def lathe(profile: Sequence[tuple[float, float]], sides: int = 12, squash: float = 1.0) -> Soup:
+def lathe(profile: Sequence[tuple[Number, Number]], sides: int = 12, squash: Number = 1.0) -> Soup:
     """A turned shape from (radius, height) pairs, bottom to top; `squash` scales y."""
     radius, height = np.asarray(profile, dtype=np.float64).T
     angle = np.linspace(0, 2 * np.pi, sides + 1)
@@ -141,7 +146,7 @@ def lathe(profile: Sequence[tuple[float, float]], sides: int = 12, squash: float
     return Soup(_cells(points), _cells(normals), _cells(np.stack([u, v], axis=2)))
 
 
-def cylinder(radius: float, low: float, high: float, sides: int = 10, top: float = 1.0) -> Soup:
+def cylinder(radius: Number, low: Number, high: Number, sides: int = 10, top: Number = 1.0) -> Soup:
     """An upright closed cylinder about z; the radius at the upper end is `top` times as large."""
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -155,12 +160,12 @@ def cylinder(radius: float, low: float, high: float, sides: int = 10, top: float
     return join([side, flat(np.concatenate(caps))])
 
 
-def _fan(rim: np.ndarray, height: float) -> np.ndarray:
+def _fan(rim: np.ndarray, height: Number) -> np.ndarray:
     centre = np.broadcast_to(np.array([0.0, 0.0, height]), rim[:-1].shape)
     return np.stack([centre, rim[:-1], rim[1:]], axis=1)
 
 
-def prism(outline: Sequence[tuple[float, float]], low: float, high: float) -> Soup:
+def prism(outline: Sequence[tuple[Number, Number]], low: Number, high: Number) -> Soup:
     """A convex (x, y) outline, counter-clockwise, extruded upwards."""
     points = np.asarray(outline, dtype=np.float64)
     lower = np.column_stack([points, np.full(len(points), low)])
@@ -172,7 +177,7 @@ def prism(outline: Sequence[tuple[float, float]], low: float, high: float) -> So
     return flat(np.concatenate([quads(sides), caps]))
 
 
-def rounded_outline(width: float, depth: float, radius: float, steps: int = 4) -> list:
+def rounded_outline(width: Number, depth: Number, radius: Number, steps: int = 4) -> list:
     """A rectangle about the origin with round corners, counter-clockwise."""
     points = []
     for quarter, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
@@ -187,9 +192,7 @@ def rounded_outline(width: float, depth: float, radius: float, steps: int = 4) -
     return points
 
 
-def cushion(
-    low: Sequence[float], high: Sequence[float], softness: float = 0.35, rings: int = 8
-) -> Soup:
+def cushion(low: Corner, high: Corner, softness: Number = 0.35, rings: int = 8) -> Soup:
     """A soft box: a superellipsoid that fills the bounds; softness 1 is an ellipsoid."""
     centre, half = np.add(low, high) / 2, np.subtract(high, low) / 2
     tilt = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
@@ -222,7 +225,7 @@ def cushion(
     return Soup(corners[keep], _cells(normals)[keep], box_mapped_uv(corners[keep]))
 
 
-def tube(path: Sequence[Sequence[float]], radius: float, sides: int = 6) -> Soup:
+def tube(path: Sequence[Sequence[Number]], radius: Number, sides: int = 6) -> Soup:
     """A round bar along a polyline, as chair frames, rods and taps are."""
     points = np.asarray(path, dtype=np.float64)
     along = np.gradient(points, axis=0)
@@ -250,8 +253,8 @@ def sheet(shape: Callable[[np.ndarray, np.ndarray], np.ndarray], rows: int, colu
 
 
 def loft(
-    outline: Sequence[Sequence[float]] | np.ndarray,
-    sections: Sequence[tuple[float, float, float, float]],
+    outline: Sequence[Sequence[Number]] | np.ndarray,
+    sections: Sequence[tuple[Number, Number, Number, Number]],
 ) -> Soup:
     """A skin over copies of a closed (x, y) outline; a section is (x scale, y scale, y shift, z).
 

@@ -1,14 +1,14 @@
 """A floor plan that fills up: walls, what is taken, and where a thing still fits."""
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
-from .dice import Dice
+from .dice import Dice, Number
 from .mesh import Soup, flat, quads
 from .room import Piece
-import itertools
 
 
 @dataclass
@@ -30,11 +30,11 @@ class Wall:
         """Turns a piece's front from +y to the inside of the room."""
         return float(np.degrees(np.arctan2(self.direction[1], self.direction[0])))
 
-    def point(self, along: float, off: float = 0.0) -> tuple[float, float]:
+    def point(self, along: Number, off: Number = 0.0) -> tuple[float, float]:
         x, y = self.start + along * self.direction + off * self.inward
         return float(x), float(y)
 
-    def surface(self, height: float) -> Soup:
+    def surface(self, height: Number) -> Soup:
         """The wall without its holes; texture coordinates run along the wall and upwards."""
         xs = sorted({0.0, self.length, *(v for a, b, _, _ in self.holes for v in (a, b))})
         zs = sorted({0.0, height, *(v for _, _, a, b in self.holes for v in (a, b))})
@@ -51,7 +51,7 @@ class Wall:
 class Plan:
     """The room while it is being furnished."""
 
-    def __init__(self, rectangles: list[tuple[float, float, float, float]], height: float):
+    def __init__(self, rectangles: list[tuple[Number, Number, Number, Number]], height: Number):
         self.rectangles = rectangles
         self.height = height
         self.walls = outline_walls(rectangles)
@@ -81,7 +81,7 @@ class Plan:
         self._taken.append((low, high))
 
     def put(
-        self, thing: Piece, angle_deg: float, x: float, y: float, z: float = 0.0,
+        self, thing: Piece, angle_deg: Number, x: Number, y: Number, z: Number = 0.0,
         over: np.ndarray | None = None,
     ) -> bool:  # fmt: skip
         """Place a thing where it is given if it fits there; `over` as in `free`."""
@@ -94,7 +94,7 @@ class Plan:
         return True
 
     def at_wall(
-        self, dice: Dice, thing: Piece, z: float = 0.0, gap: float = 0.01, front: float = 0.0,
+        self, dice: Dice, thing: Piece, z: Number = 0.0, gap: Number = 0.01, front: Number = 0.0,
         corner: bool = False, tries: int = 26,
     ) -> "tuple[Wall, float] | None":  # fmt: skip
         """Put a thing's back against some wall; `front` metres before it are kept free.
@@ -116,7 +116,7 @@ class Plan:
                 return wall, along
         return None
 
-    def _keep_free(self, wall: Wall, start: float, end: float, depth: float) -> None:
+    def _keep_free(self, wall: Wall, start: Number, end: Number, depth: Number) -> None:
         ends = np.stack([wall.point(start, 0.02), wall.point(end, depth)])
         low = np.array([*ends.min(axis=0), 0.02])
         self.reserve(low, np.array([*ends.max(axis=0), 1.4]))
@@ -135,7 +135,7 @@ class Plan:
         return False
 
     def cut(
-        self, dice: Dice, w: float, low: float, high: float, depth: float, tries: int = 12
+        self, dice: Dice, w: Number, low: Number, high: Number, depth: Number, tries: int = 12
     ) -> "tuple[Wall, float, np.ndarray] | None":
         """Cut a hole into a wall and keep `depth` metres before it free.
 
@@ -158,7 +158,7 @@ class Plan:
         return None
 
 
-def outline_walls(rectangles: list[tuple[float, float, float, float]]) -> list[Wall]:
+def outline_walls(rectangles: list[tuple[Number, Number, Number, Number]]) -> list[Wall]:
     """The walls around a union of rectangles that touch but do not overlap."""
     xs = sorted({v for r in rectangles for v in (r[0], r[2])})
     ys = sorted({v for r in rectangles for v in (r[1], r[3])})

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int, UInt8
 
 from mvsam.errors import MissingExtraError
 
+from .dice import Number
 from .materials import Color, Material
 from .mesh import Soup, rotation_about
 from .textures import MaterialTable, material_table
@@ -23,7 +24,7 @@ class Piece:
         self.parts += [(soup, label, material) for soup in soups]
         return self
 
-    def place(self, other: "Piece", angle_deg: float = 0.0, x=0.0, y=0.0, z=0.0) -> "Piece":
+    def place(self, other: "Piece", angle_deg: Number = 0.0, x=0.0, y=0.0, z=0.0) -> "Piece":
         """Add another piece, turned about z, then moved."""
         moved = [
             (s.turned(angle_deg).moved(x, y, z) if angle_deg else s.moved(x, y, z), label, material)
@@ -50,7 +51,7 @@ class Light:
     power: Color
     """Irradiance at one metre, linear RGB."""
 
-    def placed(self, angle_deg: float, offset: Float[np.ndarray, "3"]) -> "Light":
+    def placed(self, angle_deg: Number, offset: Float[np.ndarray, "3"]) -> "Light":
         turn = rotation_about("z", angle_deg)
         return Light(
             turn @ self.center + offset, turn @ self.half_u, turn @ self.half_v,

@@ -4,7 +4,7 @@ import numpy as np
 
 from .. import materials as m
 from ..classes import BATHTUB, CABINET, CLUTTER, SHOWER_CURTAIN, SINK, TOILET
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import Soup, box, cushion, cylinder, loft, rounded_outline, sheet, tapered, tube
 from ..room import Piece
 from .kitchen import basin, tap
@@ -86,11 +86,11 @@ def _vanity(dice: Dice) -> Piece:
     return piece.place(tap(dice), 0, 0, y - sd / 2 - 0.03, h)
 
 
-def _bowl_outline(w: float, d: float) -> list:
+def _bowl_outline(w: Number, d: Number) -> list:
     """Straight at the wall, round in front."""
     angle = np.linspace(0, np.pi, 13)
     front = np.column_stack([np.cos(angle) * w / 2, np.sin(angle) * d * 0.6])
-    return [*front, (-w / 2, -d * 0.4), (w / 2, -d * 0.4)]
+    return [*front.tolist(), (-w / 2, -d * 0.4), (w / 2, -d * 0.4)]
 
 
 def _wall_basin(dice: Dice) -> Piece:
@@ -158,7 +158,7 @@ def _rim(piece: Piece) -> float:
     )
 
 
-def shower_curtain(dice: Dice, w: float) -> Piece:
+def shower_curtain(dice: Dice, w: Number) -> Piece:
     """A light cloth in folds on a rod, drawn to one side or across."""
     top, low = dice.uniform(1.9, 2.05), dice.uniform(0.1, 0.25)
     color = dice.pick([m.WHITE, m.WHITE, *m.BRIGHTS, *m.FABRICS])
@@ -177,7 +177,7 @@ def shower_curtain(dice: Dice, w: float) -> Piece:
     return piece
 
 
-def folds(dice: Dice, left: float, right: float, low: float, high: float, depth: float):
+def folds(dice: Dice, left: Number, right: Number, low: Number, high: Number, depth: Number):
     """A hanging cloth in vertical waves about y = 0."""
     waves = max(2, round((right - left) / dice.uniform(0.09, 0.16)))
     first, second = dice.uniform(0, 6), dice.uniform(0, 6)

@@ -4,7 +4,7 @@ import numpy as np
 
 from .. import materials as m
 from ..classes import BED, CLUTTER
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import box, cushion, sheet
 from ..room import Piece
 from .seating import legs
@@ -47,7 +47,7 @@ def bed(dice: Dice) -> Piece:
     return piece
 
 
-def _duvet(dice: Dice, w: float, d: float, top: float, low: float):
+def _duvet(dice: Dice, w: Number, d: Number, top: Number, low: Number):
     """A cover with folds that hangs over the sides."""
     start, drop = dice.uniform(0.3, 0.75), dice.uniform(0.5, 1.0) * (top - low)
     seed = dice.uniform(0, 6)

@@ -1,10 +1,12 @@
 """Small things that lie and stand about; none of them has a class of its own."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from .. import materials as m
 from ..classes import CLUTTER
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import box, cushion, cylinder, lathe, prism, rounded_outline, sheet, tapered, tube
 from ..room import Light, Piece
 
@@ -28,7 +30,7 @@ def book(dice: Dice) -> Piece:
     return piece
 
 
-def book_row(dice: Dice, width: float, depth: float, height: float) -> Piece:
+def book_row(dice: Dice, width: Number, depth: Number, height: Number) -> Piece:
     """Standing books that fill a shelf from x = 0 to about `width`."""
     piece, x = Piece(), 0.0
     palette = [bright(dice) for _ in range(6)]
@@ -92,7 +94,7 @@ def basket(dice: Dice) -> Piece:
     return piece.add(CLUTTER, m.fabric(dice), heap)
 
 
-def plant(dice: Dice, height: float | None = None) -> Piece:
+def plant(dice: Dice, height: Number | None = None) -> Piece:
     """A pot with arching leaves."""
     height = height or dice.uniform(0.25, 0.5)
     pot_height, r = 0.35 * height, 0.16 * height + 0.04
@@ -125,7 +127,7 @@ def monitor(dice: Dice) -> Piece:
     return piece.add(CLUTTER, *_display(dice, w - 0.03, h - 0.03, 0.111, z + 0.015))
 
 
-def _display(dice: Dice, w: float, h: float, y: float, z: float):
+def _display(dice: Dice, w: Number, h: Number, y: Number, z: Number):
     """Material and face of a screen; dark and shiny when off."""
     face = sheet(lambda s, t: np.stack([(0.5 - s) * w, y + 0 * s, z + (1 - t) * h], axis=2), 2, 2)
     if dice.chance(0.55):
@@ -186,7 +188,7 @@ def table_lamp(dice: Dice) -> Piece:
     return piece
 
 
-def _bulb(height: float, power: float) -> Light:
+def _bulb(height: Number, power: Number) -> Light:
     color = (power * 1.0, power * 0.82, power * 0.58)
     small = np.eye(3) * 0.04
     return Light(np.array([0.0, 0, height]), small[0], small[1], np.zeros(3), color)
@@ -211,7 +213,7 @@ def pillow(dice: Dice) -> Piece:
     return Piece().add(CLUTTER, m.fabric(dice, dice.pick(m.FABRICS + m.BRIGHTS)), soup)
 
 
-def rug(dice: Dice, width: float, depth: float) -> Piece:
+def rug(dice: Dice, width: Number, depth: Number) -> Piece:
     """A thin cloth, round or square, about the origin."""
     color, second = dice.pick(m.FABRICS), dice.pick(m.FABRICS + m.BRIGHTS)
     pattern = dice.pick(["rug", "rug", "carpet", "stripes", "damask"])
@@ -240,12 +242,15 @@ def bag(dice: Dice) -> Piece:
     return piece.add(CLUTTER, cloth, pocket, strap)
 
 
+Place = tuple[Number, Number]
+Maker = Callable[[Dice], Piece]
+
 TABLE_THINGS = (book, cup, bottle, vase, bowl, plant, carton, book, cup)
 FLOOR_THINGS = (bin_, basket, carton, plant, shoes, bag, bag, carton)
 
 
 def scatter(
-    dice: Dice, low: tuple[float, float], high: tuple[float, float], z: float, count: int, things
+    dice: Dice, low: Place, high: Place, z: Number, count: int, things: Sequence[Maker]
 ) -> Piece:
     """Small things strewn over a rectangle without touching each other."""
     piece, taken = Piece(), []

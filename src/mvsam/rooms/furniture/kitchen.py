@@ -1,20 +1,21 @@
 """Kitchen runs: base cabinets, worktop, sink, stove, cabinets above."""
 
+import itertools
+
 import numpy as np
 
 from .. import materials as m
 from ..classes import CABINET, CLUTTER, COUNTER, SINK, WALL
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import box, cylinder, loft, rounded_outline, sheet, tube
 from ..room import Piece
 from . import clutter
 from .storage import fronts, open_carcass, wall_cabinet
-import itertools
 
 DEPTH = 0.62
 
 
-def kitchen_run(dice: Dice, w: float, upper: bool = True) -> Piece:
+def kitchen_run(dice: Dice, w: Number, upper: bool = True) -> Piece:
     """A worktop of width `w` against the wall with what belongs below, on and above it."""
     h, top = dice.uniform(0.86, 0.92), m.stone(dice) if dice.chance(0.75) else m.wood(dice)
     shell = m.board(dice)
@@ -44,12 +45,12 @@ def kitchen_run(dice: Dice, w: float, upper: bool = True) -> Piece:
     return piece
 
 
-def _splits(dice: Dice, left: float, right: float, columns: int):
+def _splits(dice: Dice, left: Number, right: Number, columns: int):
     edges = np.linspace(left, right, columns + 1)
     return [(a, b, dice.pick([1, 1, 3])) for a, b in itertools.pairwise(edges)]
 
 
-def _worktop(dice: Dice, piece: Piece, top: m.Material, w: float, h: float, x: float) -> None:
+def _worktop(dice: Dice, piece: Piece, top: m.Material, w: Number, h: Number, x: Number) -> None:
     """The slab with a hole for the sink."""
     sw, sd, y = 0.5, 0.38, 0.32
     slab = (h - 0.04, h)
@@ -63,7 +64,7 @@ def _worktop(dice: Dice, piece: Piece, top: m.Material, w: float, h: float, x: f
     piece.place(tap(dice), 0, x, y - sd / 2 - 0.04, h)
 
 
-def basin(dice: Dice, w: float, d: float, material: m.Material | None = None) -> Piece:
+def basin(dice: Dice, w: Number, d: Number, material: m.Material | None = None) -> Piece:
     """A sunk bowl about the origin, rim at z = 0, as deep as a kitchen sink."""
     steel = material or dice.pick(
         [m.plain(m.METALS[0], 1.5), m.plain(m.METALS[0], 1.0), m.ceramic(dice)]
@@ -89,7 +90,7 @@ def tap(dice: Dice) -> Piece:
     return piece.add(SINK, chrome, box((0.02, -0.008, 0.03), (0.08, 0.008, 0.045)))
 
 
-def _stove(dice: Dice, h: float) -> Piece:
+def _stove(dice: Dice, h: Number) -> Piece:
     skin = m.plain(dice.pick([m.WHITE, m.METALS[0], m.BLACK]), 0.6)
     piece = Piece().add(CLUTTER, skin, box((-0.3, 0.05, 0.08), (0.3, DEPTH, h - 0.01)))
     piece.add(CLUTTER, m.plain(m.BLACK, 1.2), box((-0.24, DEPTH, 0.25), (0.24, DEPTH + 0.01, 0.62)))
@@ -111,7 +112,7 @@ def _stove(dice: Dice, h: float) -> Piece:
     return piece
 
 
-def _hang_cabinets(dice: Dice, piece: Piece, w: float, z: float, stove_x: float | None) -> None:
+def _hang_cabinets(dice: Dice, piece: Piece, w: Number, z: Number, stove_x: Number | None) -> None:
     seed = dice.count(0, 10**6)
     spans = (
         [(-w / 2, w / 2)]
@@ -130,7 +131,7 @@ def _hang_cabinets(dice: Dice, piece: Piece, w: float, z: float, stove_x: float 
         )
 
 
-def _worktop_things(dice: Dice, left: float, right: float, h: float) -> Piece:
+def _worktop_things(dice: Dice, left: Number, right: Number, h: Number) -> Piece:
     things = (*clutter.TABLE_THINGS, clutter.bottle, clutter.bottle)
     piece = Piece()
     if right - left > 0.6 and dice.chance(0.45):

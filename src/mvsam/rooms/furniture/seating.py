@@ -4,7 +4,7 @@ import numpy as np
 
 from .. import materials as m
 from ..classes import CHAIR, OTHER_FURNITURE, SOFA
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import box, cushion, cylinder, grid_surface, prism, rounded_outline, tapered
 from ..room import Piece
 from .clutter import pillow
@@ -16,7 +16,7 @@ def chair(dice: Dice) -> Piece:
     )
 
 
-def legs(dice: Dice, w: float, d: float, low: float, high: float, splay: float = 0.0) -> list:
+def legs(dice: Dice, w: Number, d: Number, low: Number, high: Number, splay: Number = 0.0) -> list:
     """Four legs under a w x d top whose back edge is at y = 0; square, round or tapered."""
     thick = dice.uniform(0.022, 0.045)
     kind = dice.count(0, 2)
@@ -59,7 +59,7 @@ def dining_chair(dice: Dice) -> Piece:
     return _shifted(piece)
 
 
-def _chair_back(dice: Dice, w: float, seat: float, top: float, frame, cloth) -> Piece:
+def _chair_back(dice: Dice, w: Number, seat: Number, top: Number, frame, cloth) -> Piece:
     """An upright back that stands on z = 0 at y = 0."""
     piece, high = Piece(), top - seat
     kind = dice.count(0, 3)
@@ -124,7 +124,7 @@ def sofa(dice: Dice) -> Piece:
     return _couch(dice, SOFA, 0.35 + 0.58 * seats * dice.uniform(0.9, 1.1), seats)
 
 
-def _couch(dice: Dice, label: int, w: float, seats: int) -> Piece:
+def _couch(dice: Dice, label: int, w: Number, seats: int) -> Piece:
     d, seat = dice.uniform(0.78, 0.98), dice.uniform(0.38, 0.46)
     high, arm = seat + dice.uniform(0.32, 0.48), dice.uniform(0.1, 0.24)
     arm_high = seat + dice.uniform(0.1, 0.24)
@@ -168,7 +168,7 @@ def _couch(dice: Dice, label: int, w: float, seats: int) -> Piece:
     return piece
 
 
-def _throw(dice: Dice, high: float, x: float):
+def _throw(dice: Dice, high: Number, x: Number):
     """A blanket hung over the back."""
     w = dice.uniform(0.35, 0.6)
     y = np.array([-0.012, -0.012, 0.1, 0.28, 0.38, 0.4])

@@ -1,19 +1,20 @@
 """Cabinets, drawers, wardrobes, bookshelves, refrigerators and the other boxes of a household."""
 
+import itertools
+
 import numpy as np
 
 from .. import materials as m
 from ..classes import BOOKSHELF, CABINET, CLUTTER, OTHER_FURNITURE, REFRIGERATOR
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import box, cushion, cylinder, tube
 from ..room import Piece
 from . import clutter
-import itertools
 
 
 def fronts(
     dice: Dice, piece: Piece, label: int, material: m.Material,
-    left: float, right: float, y: float, low: float, high: float, columns: int, rows: int,
+    left: Number, right: Number, y: Number, low: Number, high: Number, columns: int, rows: int,
 ) -> None:  # fmt: skip
     """Door or drawer fronts with gaps and handles on the plane y, facing +y."""
     handle = dice.pick([m.metal(dice), m.plain(m.BLACK), m.metal(dice)])
@@ -33,8 +34,8 @@ def fronts(
 
 
 def open_carcass(
-    piece: Piece, label: int, material: m.Material, low: tuple[float, float, float],
-    high: tuple[float, float, float], fill: float,
+    piece: Piece, label: int, material: m.Material, low: tuple[Number, Number, Number],
+    high: tuple[Number, Number, Number], fill: Number,
 ) -> None:  # fmt: skip
     """A body solid up to height `fill`, with thin walls above, so that a basin can hang in it."""
     (x0, y0, _), (x1, y1, z1), t = low, high, 0.016
@@ -44,7 +45,7 @@ def open_carcass(
     piece.add(label, material, box((x0 + t, y1 - t, fill), (x1 - t, y1, z1)))
 
 
-def _raised_frame(piece: Piece, label: int, material, a, b, y: float) -> None:
+def _raised_frame(piece: Piece, label: int, material, a, b, y: Number) -> None:
     e, t = 0.05, 0.008
     piece.add(label, material, box((a[0], y, a[1]), (b[0], y + t, a[1] + e)))
     piece.add(label, material, box((a[0], y, b[1] - e), (b[0], y + t, b[1])))
@@ -132,14 +133,14 @@ def nightstand(dice: Dice) -> Piece:
     return _dressed(dice, piece, w, d, h)
 
 
-def wall_cabinet(dice: Dice, w: float) -> Piece:
+def wall_cabinet(dice: Dice, w: Number) -> Piece:
     """Hangs above a worktop; its lower edge is at z = 0."""
     return _carcass(
         dice, w, 0.34, dice.uniform(0.55, 0.8), max(1, round(w / 0.45)), 1, plinth=False
     )
 
 
-def _dressed(dice: Dice, piece: Piece, w: float, d: float, h: float) -> Piece:
+def _dressed(dice: Dice, piece: Piece, w: Number, d: Number, h: Number) -> Piece:
     things = (*clutter.TABLE_THINGS, clutter.table_lamp)
     low, high = (-w / 2 + 0.03, 0.02), (w / 2 - 0.03, d - 0.03)
     return piece.place(clutter.scatter(dice, low, high, h, dice.count(0, 5), things))
@@ -169,7 +170,7 @@ def bookshelf(dice: Dice) -> Piece:
     return piece
 
 
-def _shelf_content(dice: Dice, w: float, d: float, h: float) -> Piece:
+def _shelf_content(dice: Dice, w: Number, d: Number, h: Number) -> Piece:
     kind = dice.uniform()
     if kind < 0.68:
         return clutter.book_row(dice, w * dice.uniform(0.45, 0.98), d, h)
@@ -290,7 +291,7 @@ def rack(dice: Dice) -> Piece:
     )
 
 
-def _open_rack(dice: Dice, w: float, d: float, h: float, levels: int) -> Piece:
+def _open_rack(dice: Dice, w: Number, d: Number, h: Number, levels: int) -> Piece:
     frame, piece = m.metal(dice), Piece()
     for x in (-w / 2, w / 2):
         for y in (0.015, d - 0.015):

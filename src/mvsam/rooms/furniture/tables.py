@@ -4,7 +4,7 @@ import numpy as np
 
 from .. import materials as m
 from ..classes import DESK, TABLE
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import box, cylinder, lathe, prism, rounded_outline, tube
 from ..room import Piece
 from . import clutter
@@ -24,7 +24,7 @@ def side_table(dice: Dice) -> Piece:
     return _table(dice, dice.uniform(0.4, 0.6), dice.uniform(0.4, 0.5), dice.uniform(0.45, 0.6))
 
 
-def _table(dice: Dice, w: float, d: float, h: float) -> Piece:
+def _table(dice: Dice, w: Number, d: Number, h: Number) -> Piece:
     top = m.board(dice)
     under = top if dice.chance(0.6) else m.metal(dice)
     if dice.chance(0.12):
@@ -48,7 +48,7 @@ def _table(dice: Dice, w: float, d: float, h: float) -> Piece:
     return piece.place(clutter.scatter(dice, *spread, h, dice.count(0, 5), clutter.TABLE_THINGS))
 
 
-def _understructure(dice: Dice, w: float, d: float, h: float) -> list:
+def _understructure(dice: Dice, w: Number, d: Number, h: Number) -> list:
     kind = dice.count(0, 2)
     if kind == 0:
         apron = [
@@ -108,7 +108,7 @@ def desk(dice: Dice) -> Piece:
     return piece.place(_desk_things(dice, w, d, h))
 
 
-def _desk_things(dice: Dice, w: float, d: float, h: float) -> Piece:
+def _desk_things(dice: Dice, w: Number, d: Number, h: Number) -> Piece:
     piece = Piece()
     x = dice.uniform(-0.15, 0.15) * w
     if dice.chance(0.7):

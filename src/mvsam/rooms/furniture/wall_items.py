@@ -4,13 +4,13 @@ import numpy as np
 
 from .. import materials as m
 from ..classes import CLUTTER, CURTAIN, DOOR, FLOOR, PICTURE, WALL, WINDOW
-from ..dice import Dice
+from ..dice import Dice, Number
 from ..mesh import Soup, box, cushion, cylinder, sheet, tube
 from ..room import Light, Piece
 from .bathroom import folds
 
 
-def door(dice: Dice, w: float, h: float, floor: m.Material, paint: m.Material) -> Piece:
+def door(dice: Dice, w: Number, h: Number, floor: m.Material, paint: m.Material) -> Piece:
     """Fills a hole w x h in a wall from y = 0 backwards; open ones show a dim hallway."""
     leaf_material = dice.pick([m.wood(dice), m.wood(dice), m.painted(dice), m.plain(m.WHITE, 0.3)])
     trim = m.plain(m.WHITE, 0.2) if dice.chance(0.5) else leaf_material
@@ -32,7 +32,7 @@ def door(dice: Dice, w: float, h: float, floor: m.Material, paint: m.Material) -
     return piece.add(DOOR, leaf_material, back).place(leaf, 0, 0, -dice.uniform(0.0, 0.08))
 
 
-def _leaf(dice: Dice, w: float, h: float, material: m.Material) -> Piece:
+def _leaf(dice: Dice, w: Number, h: Number, material: m.Material) -> Piece:
     """A door leaf about x = 0 with its front at y = 0."""
     piece = Piece().add(DOOR, material, box((-w / 2, -0.04, 0.005), (w / 2, 0, h)))
     kind = dice.count(0, 3)
@@ -71,7 +71,7 @@ def _leaf(dice: Dice, w: float, h: float, material: m.Material) -> Piece:
     return piece
 
 
-def _hallway(w: float, h: float, floor: m.Material, paint: m.Material) -> Piece:
+def _hallway(w: Number, h: Number, floor: m.Material, paint: m.Material) -> Piece:
     low, high, far = -w / 2 - 0.4, w / 2 + 0.4, -1.5
     piece = Piece().add(FLOOR, floor, box((low, far, -0.1), (high, 0, 0)))
     piece.add(WALL, paint, box((low, far - 0.05, 0), (high, far, h + 0.2)))
@@ -80,7 +80,7 @@ def _hallway(w: float, h: float, floor: m.Material, paint: m.Material) -> Piece:
     return piece.add(CLUTTER, m.plain(m.WHITE), box((low, far, h + 0.2), (high, -0.1, h + 0.25)))
 
 
-def window(dice: Dice, w: float, h: float, daylight: float) -> Piece:
+def window(dice: Dice, w: Number, h: Number, daylight: Number) -> Piece:
     """Fills a hole w x h whose lower left is at (-w/2, 0): reveal, frame, bars, bright panes."""
     deep = dice.uniform(0.06, 0.2)
     frame = m.plain(m.WHITE, 0.2) if dice.chance(0.75) else m.wood(dice)
@@ -112,13 +112,13 @@ def window(dice: Dice, w: float, h: float, daylight: float) -> Piece:
     return piece
 
 
-def _pane(w: float, h: float, y: float) -> Soup:
+def _pane(w: Number, h: Number, y: Number) -> Soup:
     return sheet(
         lambda s, t: np.stack([(0.5 - s) * w, y + 0 * s, (1 - t) * h - 0.05], axis=2), 2, 2
     )
 
 
-def _view(dice: Dice, daylight: float) -> m.Material:
+def _view(dice: Dice, daylight: Number) -> m.Material:
     sky = dice.pick([m.srgb(215, 230, 250), m.srgb(235, 240, 245), m.srgb(170, 205, 245)])
     far = dice.pick(
         [m.srgb(70, 105, 55), m.srgb(95, 115, 70), m.srgb(150, 130, 115), m.srgb(120, 120, 125)]
@@ -129,7 +129,7 @@ def _view(dice: Dice, daylight: float) -> m.Material:
     )
 
 
-def _blind(dice: Dice, w: float, h: float, y: float) -> Piece:
+def _blind(dice: Dice, w: Number, h: Number, y: Number) -> Piece:
     """Slats over the upper part of the panes."""
     material, piece = m.plain(m.vary(dice, m.WHITE, 0.1)), Piece()
     for z in np.arange(h - 0.03, h * dice.uniform(0.1, 0.7), -0.045):
@@ -138,7 +138,7 @@ def _blind(dice: Dice, w: float, h: float, y: float) -> Piece:
     return piece
 
 
-def curtains(dice: Dice, w: float, sill: float, top: float) -> Piece:
+def curtains(dice: Dice, w: Number, sill: Number, top: Number) -> Piece:
     """Curtains on a rod before a window w wide, down to the floor or the sill; z from the floor."""
     color = dice.pick(m.FABRICS + m.BRIGHTS + [m.WHITE, m.WHITE])
     cloth = m.fabric(dice, color)
@@ -192,7 +192,7 @@ def picture(dice: Dice) -> Piece:
     return piece.add(PICTURE, art, _canvas(w, h, 0.014))
 
 
-def _canvas(w: float, h: float, y: float) -> Soup:
+def _canvas(w: Number, h: Number, y: Number) -> Soup:
     face = sheet(lambda s, t: np.stack([(0.5 - s) * w, y + 0 * s, (0.5 - t) * h], axis=2), 2, 2)
     return Soup(face.corners, face.normals, face.uv / np.array([w, h]))
 
