@@ -6,6 +6,7 @@ from mvsam.build import build
 from mvsam.data.dataset import make_views
 from mvsam.data.formats import open_scene
 from mvsam.inference.session import Session
+from mvsam.precision import autocast
 from tests.inference.fake_model import FakeModel
 from tests.synthetic import write_posed_folder
 
@@ -29,7 +30,7 @@ def test_remembered_features_give_what_a_single_call_gives(frames, order: list[i
     tuple_ = [frames[index] for index in order]
     session.predict([frames[3], frames[0]])  # so that some photos are remembered already
     got = session.predict(tuple_)
-    with torch.inference_mode():
+    with torch.inference_mode(), autocast("cpu"):
         wanted = model(make_views(tuple_, SIZE, RANGE))
     assert got.depth is not None and got.confidence is not None and got.labels is not None
     # Encoding photos one by one sums in another order than encoding them as a batch.
