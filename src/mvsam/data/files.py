@@ -14,7 +14,7 @@ from mvsam.errors import InputError
 from mvsam.types import IGNORE
 
 PHOTO_MODES = ("RGB", "RGBA", "L", "LA", "P", "CMYK", "YCbCr")
-DEPTH_MODES = ("I;16", "I;16B", "I;16L")
+DEPTH_MODES = ("I;16", "I;16B", "I;16L", "I")  # "I" is what older Pillow calls a 16-bit PNG
 LABEL_MODES = ("L", "P")
 MILLIMETRES = 1000.0
 

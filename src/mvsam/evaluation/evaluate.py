@@ -120,9 +120,9 @@ def evaluate(
     num_done = 0
     with _inference(model) as device:
         for names, views, targets in samples:
-            prediction = model(views.to(device))
+            prediction, targets = model(views.to(device)), targets.to(device)
             for item, name in enumerate(_names_of_items(names, len(targets.depth))):
-                scores = score_item(prediction, targets.to(device), item, protocol)
+                scores = score_item(prediction, targets, item, protocol)
                 scenes[name] = scenes.get(name, SceneScores()) + scores
             num_done += len(targets.depth)
             if progress:
