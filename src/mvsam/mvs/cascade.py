@@ -46,7 +46,7 @@ class DepthCascade(nn.Module):
         self.clamp = clamp
 
     def forward(
-        self, pyramid: Sequence[Float[Tensor, "batch view channel _h _w"]], views: Views
+        self, pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]], views: Views
     ) -> list[DepthStage]:
         """One `DepthStage` for each level of the pyramid, coarse to fine."""
         stages: list[DepthStage] = []

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from mvsam.mvs.cascade import DepthCascade, combined_confidence, four_plane_mass, regress
+from mvsam.mvs.regularizer import CostRegularizer
+from mvsam.types import DepthStage
+from tests.reference import plane_sweep
+from tests.small import random_views
+
+
+def pyramid(views, channels=(32, 16, 8)):
+    shape = views.images.shape[:2]
+    return [
+        torch.randn(*shape, c, views.height // scale, views.width // scale)
+        for c, scale in zip(channels, (4, 2, 1), strict=True)
+    ]
+
+
+def flat_scores(module: nn.Module) -> None:
+    if isinstance(module, CostRegularizer):
+        module.score.weight.data.zero_()
+
+
+def cascade(**options) -> DepthCascade:
+    torch.manual_seed(0)
+    return DepthCascade([CostRegularizer(channels) for channels in (32, 16, 8)], **options).eval()
+
+
+def test_eq_3_equals_the_slow_twin():
+    scores, hypotheses = 3 * torch.randn(1, 6, 4, 5), 1 + torch.rand(1, 6, 4, 5)
+    stage = regress(scores, hypotheses)
+    expected = plane_sweep.expected_depth(scores[0].double().numpy(), hypotheses[0].numpy())
+    np.testing.assert_allclose(stage.depth[0], expected, rtol=1e-5)
+    torch.testing.assert_close(stage.probability.sum(1), torch.ones(1, 4, 5))
+
+
+def test_expected_depth_lies_inside_its_hypotheses():
+    hypotheses = torch.rand(2, 8, 4, 4)
+    depth = regress(20 * torch.randn(2, 8, 4, 4), hypotheses).depth
+    assert (depth >= hypotheses.amin(1)).all() and (depth <= hypotheses.amax(1) + 1e-6).all()
+
+
+@pytest.mark.parametrize("num_planes", [2, 3, 8, 48])
+@pytest.mark.parametrize("sharpness", [0.0, 1.0, 8.0])
+def test_four_plane_mass_equals_the_slow_twin(num_planes: int, sharpness: float):
+    generator = torch.Generator().manual_seed(num_planes)
+    scores = sharpness * torch.randn(1, num_planes, 4, 5, generator=generator)
+    # A tilt keeps the expected index off whole numbers, where rounding would choose the floor.
+    scores = scores + 0.01 * torch.arange(num_planes)[:, None, None]
+    probability = torch.softmax(scores.double(), dim=1)
+    expected = plane_sweep.four_plane_mass(probability[0].numpy())
+    np.testing.assert_allclose(four_plane_mass(probability)[0], expected, atol=1e-9)
+
+
+def test_all_mass_on_one_plane_is_full_confidence():
+    for plane in (0, 5, 9):
+        probability = torch.zeros(1, 10, 1, 1)
+        probability[:, plane] = 1
+        assert four_plane_mass(probability).item() == 1.0
+
+
+def test_confidence_carries_no_gradient():
+    scores = torch.randn(1, 8, 2, 2, requires_grad=True)
+    stage = regress(scores, torch.rand(1, 8, 2, 2))
+    assert stage.depth.requires_grad and not stage.confidence.requires_grad
+
+
+def test_combined_confidence_is_the_product_of_the_stages():
+    def stage(value: float, side: int) -> DepthStage:
+        maps = torch.full((1, side, side), value)
+        return DepthStage(maps[:, None], maps[:, None], maps, maps)
+
+    product = combined_confidence([stage(0.5, 2), stage(0.8, 4), stage(0.5, 8)], (8, 8))
+    torch.testing.assert_close(product, torch.full((1, 8, 8), 0.2))
+
+
+def test_uniform_scores_give_the_middle_of_the_range_everywhere():
+    model, views = cascade().apply(flat_scores), random_views()
+    with torch.no_grad():
+        stages = model(pyramid(views), views)
+    for stage in stages:
+        torch.testing.assert_close(stage.depth, torch.full_like(stage.depth, 2.55))
+    assert [s.hypotheses.shape[1:] for s in stages] == [(48, 16, 16), (32, 32, 32), (8, 64, 64)]
+    assert [s.confidence.mean().item() for s in stages] == pytest.approx([4 / 48, 4 / 32, 4 / 8])
+
+
+def near_surface(clamp) -> list[DepthStage]:
+    """Every stage's best plane is its nearest."""
+    model = cascade(clamp=clamp)
+    views = random_views()
+
+    def nearest(volume):
+        scores = torch.zeros_like(volume[:, 0])
+        scores[:, 0] = 50
+        return scores
+
+    for regularizer in model.regularizers:
+        regularizer.forward = nearest
+    return model(pyramid(views), views)
+
+
+def test_shifted_windows_never_begin_before_d_min():
+    stages = near_surface("shift")
+    assert all(stage.hypotheses.min() >= 0.1 - 1e-6 for stage in stages)
+    assert stages[2].depth.min() == pytest.approx(0.1, abs=1e-5)
+
+
+def test_unclamped_windows_become_negative_near_the_camera():
+    assert near_surface("none")[1].hypotheses.min() < 0
+
+
+def test_no_gradient_flows_from_a_stage_to_the_one_before():
+    model, views = cascade(), random_views()
+    features = [level.requires_grad_() for level in pyramid(views)]
+    model(features, views)[1].depth.sum().backward()
+    assert features[0].grad is None and features[1].grad is not None
+
+
+def test_a_cascade_of_unequal_lists_is_refused():
+    with pytest.raises(ValueError, match="as many regularizers"):
+        DepthCascade([CostRegularizer(8)], num_planes=(8, 8), interval_ratios=(1.0,))
