@@ -52,12 +52,14 @@ class Evaluate:
     def run(self) -> None:
         from mvsam.data.sampling import evenly_spaced
         from mvsam.evaluation.evaluate import evaluate
+        from mvsam.precision import autocast
 
         protocol = _protocol(self.protocol)
         model = load_model(self.model, self.device)
         samples = self._samples(protocol)
         chosen = evenly_spaced([(index,) for index in range(len(samples))], self.limit)
-        with progress_bar() as progress:
+        device = next(model.parameters()).device.type
+        with progress_bar() as progress, autocast(device):
             task = progress.add_task(f"evaluate {self.model}", total=len(chosen))
             scores = evaluate(
                 model,

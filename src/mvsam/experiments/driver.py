@@ -16,6 +16,7 @@ from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment, ModelConfig, commit
 from mvsam.experiments.pictures import ValidationPictures
 from mvsam.model import MultiViewSAM
+from mvsam.precision import has_native_bfloat16
 from mvsam.training.module import TrainingModule
 from mvsam.weights import layout_channels_last, load_into, load_sam, save
 
@@ -128,11 +129,8 @@ def precision_of(name: str) -> str:
     """Lightning's precision for "auto": bf16-mixed where the device multiplies it natively."""
     if name != "auto":
         return name
-    if torch.cuda.is_available():
-        return "bf16-mixed" if torch.cuda.is_bf16_supported() else "32-true"
-    capability = torch.backends.cpu.get_cpu_capability()
-    has_bf16 = capability == "AVX512" and torch.cpu._is_avx512_bf16_supported()
-    return "bf16-mixed" if has_bf16 else "32-true"
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    return "bf16-mixed" if has_native_bfloat16(device) else "32-true"
 
 
 def _trainer(

@@ -13,6 +13,7 @@ from torch import nn
 from mvsam.data.dataset import make_views
 from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.upsampling import depth_at_size, labels_at_size, smooth_at_size
+from mvsam.precision import autocast
 from mvsam.types import Frame, Prediction, Views
 
 DEFAULT_SIZE = (320, 256)
@@ -71,7 +72,7 @@ class Session:
 
     def predict(self, frames: Sequence[Frame], reference: int = 0) -> PhotoPrediction:
         """Depth, confidence and labels of `frames[reference]`, at its photo's size."""
-        with torch.inference_mode(), _evaluating(self.model):
+        with torch.inference_mode(), autocast(self.device.type), _evaluating(self.model):
             photos = [self._encode(frame) for frame in frames]
             with self.stopwatch("decode"):
                 # The reference comes first: a measured depth belongs to view 0.
