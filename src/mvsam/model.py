@@ -1,6 +1,6 @@
 """Figure 3 in one forward pass: encoders, fusion, cascade, prompt, decoder."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -69,7 +69,8 @@ class MultiViewSAM(nn.Module):
 
     def forward(self, views: Views) -> Prediction:
         """Depth, confidence and logits of view 0."""
-        return self.decode(self.encode(views), views)
+        seen = views if self.cascade else _select(views, [0])
+        return self.decode(self.encode(seen), views)
 
     def encode(self, views: Views) -> Features:
         """Steps (1) to (3) for every view: SAM features, geometric pyramid, their sum (Sec. 3.1).
@@ -121,10 +122,13 @@ def _with_reference(features: Features, views: Views, reference: int) -> tuple[F
     if views.measured_depth is not None:
         raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
     order = [reference, *(i for i in range(views.num_views) if i != reference)]
-    reordered = Views(
-        views.images[:, order],
-        views.intrinsics[:, order],
-        views.world_from_cam[:, order],
-        views.depth_range,
+    return features.select(order), _select(views, order)
+
+
+def _select(views: Views, order: list[int]) -> Views:
+    return replace(
+        views,
+        images=views.images[:, order],
+        intrinsics=views.intrinsics[:, order],
+        world_from_cam=views.world_from_cam[:, order],
     )
-    return features.select(order), reordered

@@ -23,7 +23,9 @@ def original_encoder(full_size: bool = False) -> ImageEncoderViT:
     if full_size:
         sizes = {"window_size": 14, "global_attn_indexes": (2, 5, 8, 11)}
     return ImageEncoderViT(
-        use_rel_pos=True, norm_layer=partial(nn.LayerNorm, eps=1e-6), **sizes
+        use_rel_pos=True,
+        norm_layer=partial(nn.LayerNorm, eps=1e-6),  # pyright: ignore[reportArgumentType]
+        **sizes,
     ).eval()
 
 

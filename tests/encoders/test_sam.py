@@ -60,7 +60,7 @@ def test_input_recipe_equals_the_original_s(size):
     encoder = small_encoder()
     photo = torch.rand(1, 3, *size)
     # (The package's own `apply_image_torch` reads the size off the wrong axes.)
-    inner = ResizeLongestSide.get_preprocess_shape(*size, SIDE)
+    inner = ResizeLongestSide.get_preprocess_shape(size[0], size[1], SIDE)
     resized = F.interpolate(
         255 * photo, inner, mode="bilinear", align_corners=False, antialias=True
     )
