@@ -10,6 +10,7 @@ from typing import Any
 from torch import nn
 
 from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.pose_check import pose_convention_hint
 from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import Scores
@@ -68,6 +69,8 @@ def predict_scene(
     tuples, skipped = _chosen_tuples(scene, frames, num_views, depth_range, references)
     for name in skipped:
         log.warning("%s: no other photo overlaps it; it is skipped.", name)
+    if hint := pose_convention_hint(frames, depth_range):
+        log.warning("%s: %s", scene.name, hint)
     folder = OutputFolder(Path(out))
     run = describe_run(model, scene.name, num_views, depth_range, arguments)
     chosen = [frames[views[0]] for views in tuples]
