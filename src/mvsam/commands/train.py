@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+if TYPE_CHECKING:
+    from mvsam.experiments.config import Experiment
 
 HELP_FLAGS = ("-h", "--help")
 
@@ -19,11 +22,16 @@ class Train:
     Every setting of the run can be changed, as --optimizer.lr 1e-4;
     mvsam train RUN --help lists them with their values in that run.
 
-    Example: mvsam train tiny_half --out runs/mine --optimizer.steps 500
+    Examples: mvsam train tiny_half --out runs/mine --optimizer.steps 500
+    mvsam train tiny --data my_scenes --init tiny --out runs/my_scenes
     """
 
     name: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="RUN")]
     """Name of a run."""
+    data: str | None = None
+    """Scenes to train on, as --data.train; your own folder, say."""
+    init: str | None = None
+    """Weights to begin with, as --model.init; tiny, say."""
     out: Path | None = None
     """Folder for checkpoints, logs and weights; runs/RUN where it is not given."""
     devices: int = 1
@@ -56,7 +64,7 @@ class Train:
         experiment = tyro.cli(
             Experiment,
             prog=f"mvsam train {self.name}",
-            default=find_run(self.name),
+            default=self._with_shortcuts(find_run(self.name)),
             args=list(self.overrides),
         )
         weights = train(
@@ -67,3 +75,12 @@ class Train:
             self.accelerator,
         )
         print(f"Weights: {weights}")
+
+    def _with_shortcuts(self, experiment: Experiment) -> Experiment:
+        """The run with --data and --init in the places that have longer names."""
+        data, model = experiment.data, experiment.model
+        if self.data:
+            data = replace(data, train=self.data)
+        if self.init:
+            model = replace(model, init=self.init)
+        return replace(experiment, data=data, model=model)

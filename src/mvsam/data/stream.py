@@ -35,7 +35,7 @@ class DataConfig:
     room_frames: int = 5
     """Frames rendered of each procedural room to train on; at least `num_views`."""
     cache: str | None = None
-    """Folder for rendered scenes (about 2.5 MB each); none: render anew every time."""
+    """Folder for rendered rooms (about 0.5 MB a frame); none: render anew every time."""
     workers: int = 1
     """Processes that load or render data, for each training process."""
 
@@ -66,7 +66,17 @@ class SampleStream(Dataset[TrainingSample]):
 
     def _scene(self, index: int) -> Scene:
         scene = self.scenes[index]
-        return cached_scene(scene, Path(self.config.cache)) if self.config.cache else scene
+        folder = _room_cache(self.config)
+        return cached_scene(scene, folder) if folder else scene
+
+
+def _room_cache(config: DataConfig) -> Path | None:
+    """Where rendered rooms are kept; other data lie on a disk already."""
+    if config.cache is None or not config.train.startswith("rooms:"):
+        return None
+    from mvsam import rooms  # needs the extra `rooms`
+
+    return Path(config.cache) / f"v{rooms.VERSION}-{config.room_frames}frames"
 
 
 @lru_cache(maxsize=2)

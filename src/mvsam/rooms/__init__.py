@@ -2,6 +2,14 @@
 
 from .export import export_posed_folder, preview_sheet
 from .room import Room
-from .scene import SPLITS, RoomScene, scene
+from .scene import SPLITS, VERSION, RoomScene, scene
 
-__all__ = ["SPLITS", "Room", "RoomScene", "export_posed_folder", "preview_sheet", "scene"]
+__all__ = [
+    "SPLITS",
+    "VERSION",
+    "Room",
+    "RoomScene",
+    "export_posed_folder",
+    "preview_sheet",
+    "scene",
+]
