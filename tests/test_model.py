@@ -1,6 +1,7 @@
 """Every assembly of `build.py` at reduced size: what it predicts, learns and is invariant to."""
 
 from dataclasses import fields, replace
+from typing import Any
 
 import pytest
 import torch
@@ -56,7 +57,7 @@ def reorder(views: Views, order: list[int]) -> Views:
     )
 
 
-def pick(values, item: int):
+def pick(values: Any, item: int) -> Any:
     """One item as a batch of its own."""
     return None if values is None else values[item : item + 1]
 

@@ -51,7 +51,7 @@ def train(
     with warnings.catch_warnings():
         _silence_lightning()
         trainer.fit(
-            module, data, ckpt_path=str(last) if last.exists() else None, weights_only=False
+            module, data, ckpt_path=str(last) if last.exists() else None, weights_only=True
         )
     target = folder / "model.safetensors"
     if trainer.is_global_zero:

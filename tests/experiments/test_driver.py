@@ -1,0 +1,154 @@
+"""The real driver on a run of seconds: resume after a kill, and two processes as one."""
+
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from safetensors.torch import load_file
+
+from mvsam import weights
+from mvsam.errors import InputError
+from mvsam.experiments import driver
+from mvsam.experiments.driver import initial_model, precision_of, train, use_plain_attention
+from mvsam.experiments.runs import find_run
+from mvsam.weights import load_into, read_info, read_tensors, save
+from tests.experiments.small_run import gradients_of_one_step, run, small_experiment
+from tests.small import SIDE, small_model
+from tests.synthetic import write_posed_folder
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # Lightning's and TensorBoard's own
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """A posed folder in which every pixel has depth and a label."""
+    folder = tmp_path_factory.mktemp("data") / "room"
+    write_posed_folder(folder, 5, (SIDE, SIDE))
+    for file in (folder / "labels").iterdir():
+        labels = np.array(Image.open(file))
+        Image.fromarray(np.where(labels == 255, 2, labels).astype(np.uint8)).save(file)
+    return folder
+
+
+def in_another_process(*arguments: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "tests.experiments.small_run", *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+@pytest.fixture(scope="module")
+def finished(data: Path, tmp_path_factory) -> Path:
+    """The folder of a run that nobody interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    run(folder, data)
+    return folder
+
+
+def test_a_killed_and_resumed_run_ends_with_the_weights_of_one_never_killed(
+    data: Path, finished: Path, tmp_path: Path
+):
+    killed = in_another_process(tmp_path, data, "--kill-at", 5)
+    assert killed.returncode == -9, killed.stderr
+    assert torch.load(tmp_path / "last.ckpt", weights_only=True)["global_step"] == 4
+    half_way = read_tensors(tmp_path / "last.ckpt")
+    assert not (tmp_path / "model.safetensors").exists()
+    resumed = load_file(run(tmp_path, data))
+    expected = load_file(finished / "model.safetensors")
+    assert resumed.keys() == expected.keys()
+    assert all(torch.equal(resumed[key], expected[key]) for key in expected)
+    assert not torch.equal(resumed["decoder.class_tokens"], half_way["decoder.class_tokens"])
+
+
+def test_a_finished_run_leaves_weights_page_checkpoint_record_and_logs(finished: Path):
+    names = {path.name for path in finished.iterdir()}
+    assert {
+        *("model.safetensors", "model.json", "last.ckpt", "experiment.json", "metrics.csv")
+    } <= names
+    assert any(name.startswith("events.out.tfevents") for name in names)
+    info = read_info(finished / "model.json")
+    assert info.model == "tiny" and info.training["steps"] == 6
+    assert "val/rel" in (finished / "metrics.csv").read_text().splitlines()[0]
+
+
+def test_the_last_checkpoint_holds_the_weights_and_no_code(finished: Path):
+    tensors = read_tensors(finished / "last.ckpt")
+    expected = load_file(finished / "model.safetensors")
+    assert all(torch.equal(tensors[key], expected[key]) for key in expected)
+
+
+def test_a_checkpoint_that_would_run_code_is_not_resumed(data: Path, tmp_path: Path):
+    torch.save({"state_dict": {}, "evil": Path("x")}, tmp_path / "last.ckpt")
+    with pytest.raises(pickle.UnpicklingError):
+        run(tmp_path, data)
+
+
+def test_training_changes_every_kind_of_weight(finished: Path):
+    before, after = small_model("tiny").state_dict(), load_file(finished / "model.safetensors")
+    assert before.keys() == after.keys()
+    starts = {key.split(".")[0] for key in after if not torch.equal(before[key], after[key])}
+    assert starts >= {"geometry_encoder", "semantic_encoder", "cascade", "prompt", "decoder"}
+
+
+def test_two_processes_give_the_gradients_of_one_with_the_doubled_batch(data: Path, tmp_path: Path):
+    gradients_of_one_step(tmp_path / "one", data, devices=1)
+    result = in_another_process(tmp_path / "two", data, "--devices", 2, "--gradients")
+    assert result.returncode == 0, result.stderr[-3000:]
+    one = torch.load(tmp_path / "one" / "gradients0.pt")
+    first, second = (torch.load(tmp_path / "two" / f"gradients{rank}.pt") for rank in (0, 1))
+    assert one.keys() == first.keys() == second.keys()
+    for name, expected in one.items():
+        assert torch.equal(first[name], second[name]), name
+        # Means of means in float32, against gradients of very different size.
+        scale = expected.abs().max().clamp(min=1e-3)
+        assert (first[name] - expected).abs().max() < 1e-3 * scale, name
+
+
+def test_the_model_may_begin_with_other_weights(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("mvsam.build.TINY_SIDE", SIDE)
+    given = small_model("tiny", seed=5)
+    save(given, tmp_path / "given.safetensors", "tiny")
+    config = replace(find_run("tiny_half").model, init=str(tmp_path / "given.safetensors"))
+    state = initial_model(config).state_dict()
+    assert all(torch.equal(state[key], value) for key, value in given.state_dict().items())
+
+
+def test_plain_attention_computes_what_the_fused_one_does():
+    model, images = small_model("base").eval(), torch.rand(1, 3, SIDE, SIDE)
+    assert model.semantic_encoder is not None
+    with torch.no_grad():
+        expected = model.semantic_encoder(images)
+        use_plain_attention(model)
+        torch.testing.assert_close(model.semantic_encoder(images), expected, atol=1e-5, rtol=1e-5)
+
+
+def test_a_batch_that_the_processes_cannot_share_is_refused(data: Path, tmp_path: Path):
+    with pytest.raises(InputError, match="batch of 2 cannot be shared by 3 processes"):
+        train(small_experiment(data, 1, "auto"), tmp_path, devices=3)
+    assert not list(tmp_path.iterdir())
+
+
+def test_more_references_than_views_are_refused(data: Path, tmp_path: Path):
+    experiment = small_experiment(data, 1, "auto")
+    experiment = replace(experiment, data=replace(experiment.data, references=4))
+    with pytest.raises(InputError, match="4 references of 3 views"):
+        train(experiment, tmp_path)
+
+
+def test_a_named_precision_is_kept_and_auto_follows_the_hardware(monkeypatch):
+    assert precision_of("32-true") == "32-true"
+    for has, expected in ((True, "bf16-mixed"), (False, "32-true")):
+        monkeypatch.setattr(driver, "has_native_bfloat16", lambda device, has=has: has)
+        assert precision_of("auto") == expected
+
+
+def test_fine_tuning_takes_a_training_checkpoint(finished: Path):
+    model = small_model("tiny", num_classes=3)
+    assert load_into(model, str(finished / "last.ckpt")) == ["decoder.class_tokens"]
+    assert weights.read_info(finished / "model.json").num_classes == 20
