@@ -1,0 +1,119 @@
+"""Sample n of a run is a function of (seed, n) alone."""
+
+from dataclasses import replace
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch.utils.data import DataLoader
+
+from mvsam.data.stream import DataConfig, Onward, SampleStream, TrainingSample, collate_training
+from tests.synthetic import write_posed_folder
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory) -> DataConfig:
+    """Three scenes of four frames."""
+    folder = tmp_path_factory.mktemp("scenes")
+    for index in range(3):
+        write_posed_folder(folder / f"room{index}", 4, (32, 32), baseline=0.08 + 0.02 * index)
+    return DataConfig(train=str(folder), size=(32, 32), references=2)
+
+
+def fingerprint(sample: TrainingSample) -> torch.Tensor:
+    views, targets = sample
+    parts = [views.images, views.intrinsics, views.world_from_cam, *(t.depth for t in targets)]
+    return torch.cat([part.flatten() for part in [*parts, *(t.labels for t in targets)]])
+
+
+def assert_equal(first: TrainingSample, second: TrainingSample) -> None:
+    assert torch.equal(fingerprint(first), fingerprint(second))
+
+
+def test_a_sample_does_not_depend_on_those_read_before(config: DataConfig):
+    forward, backward = SampleStream(config, seed=1), SampleStream(config, seed=1)
+    samples = {n: forward[n] for n in range(6)}
+    for n in (5, 2, 0):
+        assert_equal(backward[n], samples[n])
+
+
+def test_another_seed_gives_other_samples(config: DataConfig):
+    prints = [
+        torch.stack([fingerprint(SampleStream(config, seed)[n]) for n in range(6)])
+        for seed in (1, 2)
+    ]
+    assert not torch.equal(*prints)
+
+
+def scene_of(sample: TrainingSample, stream: SampleStream) -> int:
+    """The scene that has all cameras of the sample."""
+    for index, scene in enumerate(stream.scenes):
+        own = [scene.frame(i).world_from_cam for i in range(len(scene))]
+        poses = sample[0].world_from_cam[0].numpy()
+        if all(any(np.allclose(pose, frame, atol=1e-6) for frame in own) for pose in poses):
+            return index
+    raise AssertionError("no scene has these cameras")
+
+
+def test_each_scene_comes_once_in_every_epoch_in_changing_order(config: DataConfig):
+    stream = SampleStream(config, seed=1)
+    order = [scene_of(stream[n], stream) for n in range(15)]
+    epochs = [tuple(order[3 * epoch : 3 * epoch + 3]) for epoch in range(5)]
+    assert all(sorted(epoch) == [0, 1, 2] for epoch in epochs)
+    assert len(set(epochs)) > 1
+
+
+def test_samples_hold_the_references_first_and_their_own_targets(config: DataConfig):
+    views, targets = SampleStream(config, seed=1)[0]
+    assert views.images.shape == (1, 3, 3, 32, 32) and len(targets) == 2
+    assert views.measured_depth is None  # it would belong to the first reference alone
+    one = SampleStream(replace(config, references=1), seed=1)[0]
+    assert one[0].measured_depth is not None
+    assert torch.equal(one[0].measured_depth, one[1][0].depth)
+    assert torch.equal(one[1][0].depth, targets[0].depth)
+
+
+def test_a_worker_process_reads_the_same_samples(config: DataConfig):
+    def first(count: int, workers: int) -> list[TrainingSample]:
+        loader = DataLoader(
+            SampleStream(config, seed=1),
+            batch_size=2,
+            sampler=Onward(1),
+            num_workers=workers,
+            collate_fn=collate_training,
+            multiprocessing_context="spawn" if workers else None,
+        )
+        return list(islice(iter(loader), count))
+
+    for here, there in zip(first(2, workers=0), first(2, workers=1), strict=True):
+        assert_equal(here, there)
+
+
+def test_cached_scenes_give_the_same_samples_on_every_reading(config: DataConfig, tmp_path: Path):
+    cached = SampleStream(replace(config, cache=str(tmp_path)), seed=1)
+    first, again = cached[3], cached[3]
+    assert_equal(first, again)
+    direct = SampleStream(config, seed=1)[3]
+    torch.testing.assert_close(fingerprint(first), fingerprint(direct), atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("processes", [1, 2, 4])
+def test_processes_share_the_numbers_of_one_step(processes: int):
+    batch, step = 8, 3
+    share = batch // processes
+    numbers = [
+        list(islice(Onward(step * batch + rank, processes), share)) for rank in range(processes)
+    ]
+    assert sorted(chain.from_iterable(numbers)) == list(range(step * batch, (step + 1) * batch))
+
+
+def test_collating_stacks_samples_and_keeps_references_apart(config: DataConfig):
+    stream = SampleStream(config, seed=1)
+    views, targets = collate_training([stream[0], stream[1]])
+    assert views.images.shape == (2, 3, 3, 32, 32) and len(targets) == 2
+    for reference in range(2):
+        for item in range(2):
+            expected = stream[item][1][reference].depth[0]
+            assert torch.equal(targets[reference].depth[item], expected)

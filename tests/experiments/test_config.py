@@ -1,0 +1,35 @@
+import json
+import subprocess
+
+from mvsam.experiments import config
+from mvsam.experiments.config import Experiment, commit
+from mvsam.experiments.runs import find_run
+
+
+def test_a_saved_record_holds_every_setting_the_commit_and_the_versions(tmp_path):
+    find_run("tiny").save(tmp_path / "new" / "experiment.json")
+    record = json.loads((tmp_path / "new" / "experiment.json").read_text())
+    assert record["model"]["name"] == "tiny" and record["train"]["seed"] == 0
+    assert record["optimizer"]["lr"] == 4e-4 and record["data"]["size"] == [320, 256]
+    assert record["commit"] == commit()
+    assert {"torch", "timm", "lightning", "mvsam", "device"} <= set(record["versions"])
+
+
+def test_outside_a_checkout_the_commit_is_unknown(monkeypatch):
+    def fail(*_, **__):
+        raise subprocess.CalledProcessError(128, "git")
+
+    monkeypatch.setattr(config.subprocess, "run", fail)
+    assert commit() == "unknown"
+
+
+def test_settings_are_those_of_the_paper_unless_a_run_says_otherwise():
+    run = Experiment("any", "")
+    assert (run.optimizer.lr, run.optimizer.sam_lr, run.optimizer.weight_decay) == (
+        1e-3,
+        1e-4,
+        1e-2,
+    )
+    assert (run.loss.alpha, run.loss.beta) == (1.0, 0.02)
+    assert (run.train.batch_size, run.data.num_views) == (8, 3)
+    assert (run.data.size, run.data.depth_range) == ((320, 256), (0.1, 5.0))

@@ -1,0 +1,93 @@
+from dataclasses import replace
+from unittest import mock
+
+import pytest
+import torch
+
+from mvsam.build import build
+from mvsam.data.dataset import make_targets, make_views
+from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.stream import collate_training
+from mvsam.errors import InputError
+from mvsam.experiments.driver import initial_model
+from mvsam.experiments.runs import RUNS, find_run
+from mvsam.training.losses import joint_loss
+from mvsam.training.module import predict_references
+from mvsam.training.optim import make_optimizer
+from tests.small import SIDE, small_backbone
+from tests.synthetic import write_posed_folder
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> PosedFolder:
+    folder = tmp_path_factory.mktemp("data") / "room"
+    write_posed_folder(folder, 3, (SIDE, SIDE))
+    return PosedFolder(folder)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_every_run_builds_at_full_size(name: str):
+    config = RUNS[name].model
+    options = {} if config.tuned_blocks is None else {"tuned_blocks": config.tuned_blocks}
+    with torch.device("meta"):
+        model = build(config.name, config.num_classes, **options)
+    optimizer, _ = make_optimizer(model, RUNS[name].optimizer)
+    assert sum(p.numel() for group in optimizer.param_groups for p in group["params"]) > 900_000
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_every_run_takes_one_reduced_step_that_lowers_its_loss(name: str, scene: PosedFolder):
+    run = RUNS[name]
+    frames = [scene.frame(index) for index in range(3)]
+    views = make_views(frames, (SIDE, SIDE), run.data.depth_range)
+    if run.data.references > 1:
+        views = replace(views, measured_depth=None)
+    targets = [make_targets(frame, (SIDE, SIDE)) for frame in frames[: run.data.references]]
+    views, targets = collate_training([(views, targets)] * 2)
+    torch.manual_seed(0)
+    with (
+        mock.patch("mvsam.build.sam_vit_b", small_backbone),
+        mock.patch("mvsam.build.TINY_SIDE", SIDE),
+    ):
+        model = initial_model(replace(run.model, init=None, sam_checkpoint=None)).train()
+    if model.semantic_encoder is not None:
+        model.semantic_encoder.input_side = SIDE
+    optimizer, schedule = make_optimizer(model, run.optimizer)
+
+    def loss() -> torch.Tensor:
+        predictions = predict_references(model, views, len(targets))
+        parts = [
+            joint_loss(prediction, target, views.depth_range, run.loss)["loss"]
+            for prediction, target in zip(predictions, targets, strict=True)
+        ]
+        return torch.stack(parts).mean()
+
+    before = loss()
+    before.backward()
+    optimizer.step()
+    schedule.step()
+    assert loss().item() < before.item()
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_every_run_says_what_it_is_for_and_is_filed_under_its_name(name: str):
+    assert RUNS[name].name == name and RUNS[name].about
+    assert RUNS[name].data.references <= RUNS[name].data.num_views
+
+
+def test_ablations_differ_from_their_model_in_the_assembly_alone():
+    whole = find_run("tiny_half")
+    for name in ("tiny_no_bridge_half", "cas_mvsnet_half"):
+        other = find_run(name)
+        assert (other.data, other.optimizer, other.loss, other.train) == (
+            whole.data,
+            whole.optimizer,
+            whole.loss,
+            whole.train,
+        )
+
+
+def test_an_unknown_run_is_refused_with_the_names_there_are():
+    with pytest.raises(InputError, match="unknown run 'tiny_hlf'") as error:
+        find_run("tiny_hlf")
+    assert all(name in str(error.value) for name in RUNS)
