@@ -100,8 +100,12 @@ TINY_CHANNELS = 128
 
 
 def tiny_vit() -> VisionTransformerSAM:
-    """A SAM-type ViT for 320 pixels: windows of 10 x 10 tokens, every third block global."""
-    return VisionTransformerSAM(
+    """A SAM-type ViT for 320 pixels: windows of 10 x 10 tokens, every third block global.
+
+    Its blocks begin as the identity (last layers zero), so that from the first step on the decoder
+    sees the convolutional stem's features; SAM's pre-training is what would otherwise do that.
+    """
+    encoder = VisionTransformerSAM(
         img_size=TINY_SIDE,
         patch_size=16,
         embed_dim=192,
@@ -115,6 +119,11 @@ def tiny_vit() -> VisionTransformerSAM:
         norm_layer=partial(nn.LayerNorm, eps=1e-6),  # pyright: ignore[reportArgumentType]
         embed_layer=ConvStem,
     )
+    for block in encoder.blocks:
+        for layer in (block.attn.proj, block.mlp.fc2):  # pyright: ignore
+            nn.init.zeros_(layer.weight)  # pyright: ignore
+            nn.init.zeros_(layer.bias)  # pyright: ignore
+    return encoder
 
 
 def tiny(num_classes: int = 20, has_bridge: bool = True) -> MultiViewSAM:

@@ -16,8 +16,8 @@ _TINY_HALF = Experiment(
     about="First stage of `tiny`: half-size pictures, all three views as reference in turn.",
     model=ModelConfig("tiny"),
     data=_HALF,
-    optimizer=OptimizerConfig(steps=1200, gradient_clip=1.0),
-    train=TrainConfig(batch_size=4, val_every=200, checkpoint_every=50),
+    optimizer=OptimizerConfig(lr=6e-4, steps=900, gradient_clip=1.0),
+    train=TrainConfig(batch_size=4, val_every=150, checkpoint_every=50),
 )
 
 _RUNS = (
@@ -27,8 +27,8 @@ _RUNS = (
         about="Second stage of `tiny`, at the size it is used at; begins with `tiny_half`.",
         model=ModelConfig("tiny", init="runs/tiny_half/model.safetensors"),
         data=_ROOMS,
-        optimizer=OptimizerConfig(steps=300, lr=4e-4, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=25),
+        optimizer=OptimizerConfig(lr=3e-4, steps=170, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=85, checkpoint_every=20),
     ),
     replace(
         _TINY_HALF,
