@@ -12,7 +12,6 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mvsam.build import build
     from mvsam.data.formats import open_scene
     from mvsam.inference.photos import predict
     from mvsam.types import Frame, Prediction, Scene, Targets, Views
@@ -26,7 +25,6 @@ _HOMES = {
     "Scene": "mvsam.types",
     "Targets": "mvsam.types",
     "Views": "mvsam.types",
-    "build": "mvsam.build",
     "from_pretrained": "mvsam.weights",
     "load": "mvsam.weights",
     "open_scene": "mvsam.data.formats",
@@ -41,7 +39,6 @@ __all__ = [
     "Scene",
     "Targets",
     "Views",
-    "build",
     "from_pretrained",
     "load",
     "open_scene",

@@ -47,6 +47,8 @@ class MultiViewSAM(nn.Module):
     """The network of "Joint Depth Prediction and Semantic Segmentation with Multi-View SAM".
 
     It is put together from built parts (`build.py`); a part that an ablation lacks is None.
+    prompt_passes_gradient: whether the segmentation loss reaches the depth through the prompt. The
+    paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
     """
 
@@ -58,6 +60,7 @@ class MultiViewSAM(nn.Module):
         cascade: DepthCascade | None = None,
         prompt: DepthPrompt | None = None,
         decoder: SemanticDecoder | ConvDecoder | None = None,
+        prompt_passes_gradient: bool = True,
     ):
         super().__init__()
         self.geometry_encoder = geometry_encoder
@@ -66,6 +69,7 @@ class MultiViewSAM(nn.Module):
         self.cascade = cascade
         self.prompt = prompt
         self.decoder = decoder
+        self.prompt_passes_gradient = prompt_passes_gradient
 
     def forward(self, views: Views) -> Prediction:
         """Depth, confidence and logits of view 0."""
@@ -114,6 +118,8 @@ class MultiViewSAM(nn.Module):
         depth = views.measured_depth if depth is None else depth
         if depth is None:
             raise ValueError("this model is prompted with measured depth: set views.measured_depth")
+        if not self.prompt_passes_gradient:
+            depth = depth.detach()
         prompt = self.prompt(depth, views.depth_range)
         return self.decoder(features.semantic[:, 0], prompt).float()
 

@@ -23,6 +23,8 @@ from mvsam.model import MultiViewSAM
 
 ASSETS = Path(__file__).parent / "assets"
 HUB_WEIGHTS, HUB_PAGE = "model.safetensors", "model.json"
+RUN_PAGE = "experiment.json"
+"""What a run writes beside its checkpoints; says enough to load one."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,10 @@ def locate(name: str) -> tuple[Path, Path]:
     if path.suffix in (".safetensors", ".ckpt", ".pth"):
         if not path.is_file():
             raise InputError(f"{path}: no such weights file.")
-        return path, path.with_suffix(".json")
+        page = path.with_suffix(".json")
+        if path.suffix == ".ckpt" and not page.exists():
+            page = path.with_name(RUN_PAGE)
+        return path, page
     if name in MODELS:
         raise InputError(
             f"model '{name}' has no embedded weights (there are: {', '.join(embedded())}); train "
@@ -151,6 +156,7 @@ def save(
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(f".{os.getpid()}.tmp")
     save_file(tensors, temporary)
+    temporary.chmod(0o644)  # safetensors writes for the owner alone
     temporary.replace(path)
     path.with_suffix(".json").write_text(json.dumps(asdict(info), indent=2) + "\n")
 
@@ -159,14 +165,28 @@ def read_info(page: Path) -> WeightsInfo:
     """The JSON page of a weights file; InputError if it is missing or not one."""
     try:
         content = json.loads(page.read_text())
+        if page.name == RUN_PAGE:
+            content = _info_of_run(content)
         content = {key: _as_tuples(value) for key, value in content.items()}
         info = WeightsInfo(**content)
     except FileNotFoundError as error:
         raise InputError(f"{page} is missing: it belongs beside the weights.") from error
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, KeyError) as error:
         raise InputError(f"{page} is not a page of mvsam weights ({error}).") from error
     model_spec(info.model)
     return info
+
+
+def _info_of_run(experiment: dict[str, Any]) -> dict[str, Any]:
+    """The page of a checkpoint, from the experiment it belongs to."""
+    model = experiment["model"]
+    return {
+        "model": model["name"],
+        "num_classes": model["num_classes"],
+        "depth_range": experiment["data"]["depth_range"],
+        "input_size": model_spec(model["name"]).input_size,
+        "training": {"run": experiment["name"], "commit": experiment["commit"]},
+    }
 
 
 def _as_tuples(value: Any) -> Any:

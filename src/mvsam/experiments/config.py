@@ -20,7 +20,8 @@ class ModelConfig:
 
     name: str = "tiny"
     """One of `mvsam models`."""
-    num_classes: int = 20
+    num_classes: int | None = None
+    """The paper's K; none: as many as the training data have classes."""
     tuned_blocks: int | None = None
     """For the rows with SAM ViT-B: how many of its last blocks learn; none: the row's own."""
     init: str | None = None

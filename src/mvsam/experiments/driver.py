@@ -1,6 +1,7 @@
 """Trains an experiment: data, checkpoints, exact resume, logs, and the weights at the end."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -11,6 +12,7 @@ from torch.utils.data import DataLoader
 
 from mvsam.build import build
 from mvsam.data.dataset import TupleDataset, collate, open_data
+from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.data.stream import Onward, SampleStream, collate_training
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment, ModelConfig, commit
@@ -38,6 +40,9 @@ def train(
     seed_everything(experiment.train.seed, workers=True, verbose=False)
     if not torch.cuda.is_available() and devices > 1:
         torch.set_num_threads(1)  # two threads in each of two processes wait for each other
+    classes = classes_of(experiment)
+    if experiment.model.num_classes is None:
+        experiment = replace(experiment, model=replace(experiment.model, num_classes=len(classes)))
     experiment.save(folder / "experiment.json")
     module = TrainingModule(
         initial_model(experiment.model),
@@ -50,9 +55,7 @@ def train(
     last = folder / "last.ckpt"
     with warnings.catch_warnings():
         _silence_lightning()
-        trainer.fit(
-            module, data, ckpt_path=str(last) if last.exists() else None, weights_only=True
-        )
+        trainer.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=True)
     target = folder / "model.safetensors"
     if trainer.is_global_zero:
         steps = trainer.global_step
@@ -61,15 +64,30 @@ def train(
             target,
             name=experiment.model.name,
             depth_range=experiment.data.depth_range,
+            classes=classes.names,
+            palette=classes.colors,
             training={"run": experiment.name, "steps": steps, "commit": commit()},
         )
     return target
 
 
+def classes_of(experiment: Experiment) -> ClassTable:
+    """The classes of the training scenes: those a folder brings, else ScanNet's 20."""
+    first = open_data(experiment.data.train)[0]
+    classes = getattr(first, "classes", SCANNET20)
+    wanted = experiment.model.num_classes
+    if wanted not in (None, len(classes)):
+        raise InputError(
+            f"run {experiment.name}: --model.num-classes {wanted}, but {experiment.data.train} has "
+            f"{len(classes)} classes; leave the option out."
+        )
+    return classes
+
+
 def initial_model(config: ModelConfig) -> MultiViewSAM:
     """The model of a run before its first step."""
     options = {} if config.tuned_blocks is None else {"tuned_blocks": config.tuned_blocks}
-    model = build(config.name, config.num_classes, **options)
+    model = build(config.name, config.num_classes or len(SCANNET20), **options)
     if config.sam_checkpoint:
         load_sam(model, config.sam_checkpoint)
     if config.init:
@@ -163,6 +181,7 @@ def _trainer(
         check_val_every_n_epoch=None,
         num_sanity_val_steps=0,
         use_distributed_sampler=False,
+        sync_batchnorm=config.sync_batchnorm and torch.cuda.is_available(),
         callbacks=[every, LearningRateMonitor("step"), ValidationPictures()],
         logger=[
             TensorBoardLogger(folder, name="", version=""),

@@ -22,6 +22,9 @@ class TrainConfig:
     seed: int = 0
     precision: str = "auto"
     """Lightning's name, as 32-true or bf16-mixed; auto: bf16-mixed where the hardware has it."""
+    sync_batchnorm: bool = True
+    """Statistics over the samples of all GPUs (the paper has two samples on each and is silent).
+    On CPUs, which have no such layer, every process normalises its own share."""
     val_every: int = 1000
     """Steps between looks at the validation scenes."""
     checkpoint_every: int = 250
