@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from mvsam.build import MODELS, build, model_spec
 from mvsam.errors import InputError
 from mvsam.model import MultiViewSAM
+from mvsam.segmentation.decoder import SemanticDecoder
 
 ASSETS = Path(__file__).parent / "assets"
 HUB_WEIGHTS, HUB_PAGE = "model.safetensors", "model.json"
@@ -229,11 +230,30 @@ def load_into(model: MultiViewSAM, name: str) -> list[str]:
     return sorted(set(own) - set(fitting))
 
 
-def load_sam(model: MultiViewSAM, path: str | Path) -> None:
+_SAM_DECODER_NAMES = (
+    ("transformer.final_attn_token_to_image.", "transformer.tokens_to_image."),
+    ("transformer.norm_final_attn.", "transformer.norm."),
+    ("transformer.layers.", "transformer.blocks."),
+    ("cross_attn_token_to_image.", "tokens_to_image."),
+    ("cross_attn_image_to_token.", "image_to_tokens."),
+    ("self_attn.", "self_attention."),
+    ("q_proj.", "query."),
+    ("k_proj.", "key."),
+    ("v_proj.", "value."),
+    ("out_proj.", "out."),
+    ("mlp.lin1.", "mlp.0."),
+    ("mlp.lin2.", "mlp.2."),
+    ("output_upscaling.", "upscaling."),
+)
+"""SAM's names in its mask decoder and ours, applied in this order."""
+
+
+def load_sam(model: MultiViewSAM, path: str | Path, include_decoder: bool = False) -> None:
     """Loads SAM's released `sam_vit_b_*.pth`: every image encoder key, and the position matrix.
 
-    Other keys (SAM's prompt encoder and mask decoder) are ignored by name; a missing, unknown or
-    misshapen `image_encoder.*` key is an InputError.
+    include_decoder: also SAM's two-way transformer and upscaling; the paper calls only the encoder
+    pre-trained, so by default the decoder stays random. Other keys are ignored by name; a missing,
+    unknown or misshapen `image_encoder.*` key is an InputError.
     """
     path = Path(path)
     encoder = model.semantic_encoder
@@ -258,6 +278,23 @@ def load_sam(model: MultiViewSAM, path: str | Path) -> None:
         if matrix is None or matrix.shape != position.gaussian.shape:
             raise InputError(f"{path}: SAM's positional matrix is missing or of another size.")
         position.gaussian.copy_(matrix)
+    if include_decoder:
+        _load_sam_decoder(model, tensors, path)
+
+
+def _load_sam_decoder(model: MultiViewSAM, tensors: dict[str, Tensor], path: Path) -> None:
+    decoder = model.decoder
+    if not isinstance(decoder, SemanticDecoder):
+        raise InputError("this model has no transformer decoder to load SAM's into.")
+    for part in ("transformer", "upscaling"):
+        renamed = {}
+        for key, value in tensors.items():
+            name = key.removeprefix("mask_decoder.")
+            for theirs, ours in _SAM_DECODER_NAMES:
+                name = name.replace(theirs, ours)
+            if key.startswith("mask_decoder.") and name.startswith(f"{part}."):
+                renamed[name.removeprefix(f"{part}.")] = value
+        _load_strictly(getattr(decoder, part), renamed, path)
 
 
 def _load_strictly(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:

@@ -28,6 +28,8 @@ class ModelConfig:
     """Weights to begin with: a name, a file or a hub id; what does not fit in shape begins anew."""
     sam_checkpoint: str | None = None
     """SAM's released `sam_vit_b_*.pth` for the encoder of the paper's rows."""
+    sam_decoder: bool = False
+    """Take SAM's two-way transformer and upscaling from there too (the paper: the encoder only)."""
 
 
 @dataclass(frozen=True)

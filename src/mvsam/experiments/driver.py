@@ -89,7 +89,7 @@ def initial_model(config: ModelConfig) -> MultiViewSAM:
     options = {} if config.tuned_blocks is None else {"tuned_blocks": config.tuned_blocks}
     model = build(config.name, config.num_classes or len(SCANNET20), **options)
     if config.sam_checkpoint:
-        load_sam(model, config.sam_checkpoint)
+        load_sam(model, config.sam_checkpoint, config.sam_decoder)
     if config.init:
         load_into(model, config.init)
     if not torch.cuda.is_available():

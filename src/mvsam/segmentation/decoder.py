@@ -21,15 +21,47 @@ def upscaling(channels: int) -> nn.Sequential:
     )
 
 
+def query_mlp(channels: int) -> nn.Sequential:
+    """The MLP that turns a class token into a class query as wide as the upscaled image."""
+    return nn.Sequential(
+        nn.Linear(channels, channels),
+        nn.ReLU(),
+        nn.Linear(channels, channels),
+        nn.ReLU(),
+        nn.Linear(channels, channels // 8),
+    )
+
+
+class PerClassQueries(nn.Module):
+    """An MLP for each class, as SAM has one for each of its masks."""
+
+    def __init__(self, num_classes: int, channels: int = 256):
+        super().__init__()
+        self.mlps = nn.ModuleList(query_mlp(channels) for _ in range(num_classes))
+
+    def forward(
+        self, tokens: Float[Tensor, "batch num_classes channel"]
+    ) -> Float[Tensor, "batch num_classes query"]:
+        pairs = zip(self.mlps, tokens.unbind(dim=1), strict=True)
+        return torch.stack([mlp(token) for mlp, token in pairs], dim=1)
+
+
 class SemanticDecoder(nn.Module):
     """K class tokens and the prompted image talk; their dot products are the class maps.
 
-    There is no IoU token or head: the paper has one mask a class and no choice among masks. The
-    class queries come from one MLP shared by all tokens ("an MLP", Sec. 3.3).
-    no_depth: learned embedding of cells without depth, SAM's device for an absent mask.
+    There is no IoU token or head: the paper has one mask a class and no choice among masks.
+    queries: class tokens -> class queries; None: one `query_mlp` shared by all classes, because the
+    paper says "an MLP" (Sec. 3.3). `PerClassQueries` is the other reading.
+    Its `no_depth` is the learned embedding of cells without depth, SAM's device for an absent mask.
     """
 
-    def __init__(self, num_classes: int, transformer: TwoWayTransformer, channels: int = 256):
+    def __init__(
+        self,
+        num_classes: int,
+        transformer: TwoWayTransformer,
+        channels: int = 256,
+        queries: nn.Module | None = None,
+    ):
         super().__init__()
         self.num_classes = num_classes
         self.class_tokens = nn.Parameter(torch.randn(num_classes, channels))
@@ -37,13 +69,7 @@ class SemanticDecoder(nn.Module):
         self.position = PositionEncoding(channels)
         self.transformer = transformer
         self.upscaling = upscaling(channels)
-        self.queries = nn.Sequential(
-            nn.Linear(channels, channels),
-            nn.ReLU(),
-            nn.Linear(channels, channels),
-            nn.ReLU(),
-            nn.Linear(channels, channels // 8),
-        )
+        self.queries = query_mlp(channels) if queries is None else queries
 
     def forward(
         self,
