@@ -45,13 +45,22 @@ def small_model(name: str, num_classes: int = 20, seed: int = 0, **options) -> M
         model = build(name, num_classes, **options)
     if model.semantic_encoder is not None:
         model.semantic_encoder.input_side = SIDE
+    _leave_zero(model)
     return model
+
+
+def _leave_zero(model: nn.Module) -> None:
+    """Weights that begin at zero would hide what lies behind them; one step later they do not."""
+    with torch.no_grad():
+        for parameter in model.parameters():
+            if parameter.dim() > 1 and parameter.eq(0).all():
+                parameter.normal_(0, 0.05)
 
 
 def random_views(
     batch: int = 1,
     num_views: int = 3,
-    height: int = 64,
+    height: int = 32,
     width: int = 64,
     seed: int = 0,
     measured: bool = False,
@@ -85,7 +94,7 @@ def random_poses(count: int, generator: torch.Generator, angle: float = 0.1) -> 
 
 
 def random_targets(
-    batch: int = 1, height: int = 64, width: int = 64, seed: int = 0, num_classes: int = 20
+    batch: int = 1, height: int = 32, width: int = 64, seed: int = 0, num_classes: int = 20
 ) -> Targets:
     """Every pixel has a depth inside [0.1, 5] m and a label."""
     generator = torch.Generator().manual_seed(seed)

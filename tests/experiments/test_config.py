@@ -7,10 +7,11 @@ from mvsam.experiments.runs import find_run
 
 
 def test_a_saved_record_holds_every_setting_the_commit_and_the_versions(tmp_path):
-    find_run("tiny").save(tmp_path / "new" / "experiment.json")
+    run = find_run("tiny")
+    run.save(tmp_path / "new" / "experiment.json")
     record = json.loads((tmp_path / "new" / "experiment.json").read_text())
     assert record["model"]["name"] == "tiny" and record["train"]["seed"] == 0
-    assert record["optimizer"]["lr"] == 4e-4 and record["data"]["size"] == [320, 256]
+    assert record["optimizer"]["lr"] == run.optimizer.lr and record["data"]["size"] == [320, 256]
     assert record["commit"] == commit()
     assert {"torch", "timm", "lightning", "mvsam", "device"} <= set(record["versions"])
 

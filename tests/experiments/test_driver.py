@@ -1,6 +1,8 @@
 """The real driver on a run of seconds: resume after a kill, and two processes as one."""
 
+import json
 import pickle
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,9 +15,16 @@ from PIL import Image
 from safetensors.torch import load_file
 
 from mvsam import weights
+from mvsam.data.labels import SCANNET20
 from mvsam.errors import InputError
 from mvsam.experiments import driver
-from mvsam.experiments.driver import initial_model, precision_of, train, use_plain_attention
+from mvsam.experiments.driver import (
+    classes_of,
+    initial_model,
+    precision_of,
+    train,
+    use_plain_attention,
+)
 from mvsam.experiments.runs import find_run
 from mvsam.weights import load_into, read_info, read_tensors, save
 from tests.experiments.small_run import gradients_of_one_step, run, small_experiment
@@ -146,6 +155,27 @@ def test_a_named_precision_is_kept_and_auto_follows_the_hardware(monkeypatch):
     for has, expected in ((True, "bf16-mixed"), (False, "32-true")):
         monkeypatch.setattr(driver, "has_native_bfloat16", lambda device, has=has: has)
         assert precision_of("auto") == expected
+
+
+def test_the_last_checkpoint_is_loaded_with_the_run_s_own_record(finished: Path, monkeypatch):
+    monkeypatch.setattr("mvsam.build.TINY_SIDE", SIDE)
+    model = weights.load(str(finished / "last.ckpt"))
+    assert model.info.training["run"] == "small"  # pyright: ignore
+    expected = load_file(finished / "model.safetensors")
+    assert all(torch.equal(v, expected[k]) for k, v in model.state_dict().items())
+
+
+def test_a_run_has_as_many_classes_as_its_data(data: Path, tmp_path: Path):
+    experiment = small_experiment(data, 1, "auto")
+    assert classes_of(experiment).names == SCANNET20.names
+    own = shutil.copytree(data, tmp_path / "own")
+    table = [{"name": "rock", "color": [1, 2, 3]}, {"name": "sand", "color": [4, 5, 6]}]
+    (own / "classes.json").write_text(json.dumps(table))
+    experiment = small_experiment(own, 1, "auto")
+    assert classes_of(experiment).names == ("rock", "sand")
+    twenty = replace(experiment, model=replace(experiment.model, num_classes=20))
+    with pytest.raises(InputError, match=r"num-classes 20, but .*own has 2 classes"):
+        classes_of(twenty)
 
 
 def test_fine_tuning_takes_a_training_checkpoint(finished: Path):

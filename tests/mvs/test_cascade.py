@@ -82,7 +82,7 @@ def test_uniform_scores_give_the_middle_of_the_range_everywhere():
         stages = model(pyramid(views), views)
     for stage in stages:
         torch.testing.assert_close(stage.depth, torch.full_like(stage.depth, 2.55))
-    assert [s.hypotheses.shape[1:] for s in stages] == [(48, 16, 16), (32, 32, 32), (8, 64, 64)]
+    assert [s.hypotheses.shape[1:] for s in stages] == [(48, 8, 16), (32, 16, 32), (8, 32, 64)]
     assert [s.confidence.mean().item() for s in stages] == pytest.approx([4 / 48, 4 / 32, 4 / 8])
 
 

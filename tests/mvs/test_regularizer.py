@@ -9,11 +9,14 @@ from mvsam.mvs.regularizer import Conv3d, CostRegularizer
 
 TRAINING_SHAPES = {
     "a coarse volume at its bottom": (2, 64, 2, 8, 10),
-    "half-size middle": (2, 16, 16, 64, 80),
     "half-size fine": (2, 8, 8, 128, 160),
     "odd size": (2, 8, 8, 160, 192),
 }
-FULL_SIZE_SHAPES = {"coarse": (2, 32, 48, 64, 80), "fine": (2, 8, 8, 256, 320)}
+FULL_SIZE_SHAPES = {
+    "middle": (2, 16, 16, 128, 160),
+    "coarse": (2, 32, 48, 64, 80),
+    "fine": (2, 8, 8, 256, 320),
+}
 
 
 @pytest.mark.parametrize(
