@@ -1,0 +1,94 @@
+"""Scores on procedural rooms beside two constant answers, under protocol `paper`.
+
+    python benchmarks/rooms.py tiny --data rooms:val --limit 100 --out results/rooms_val.json
+
+The constants are the median depth and the most frequent label of the very tuples that are scored:
+the best that an answer without looking can do.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from mvsam.data.catalog import open_data
+from mvsam.data.dataset import TupleDataset
+from mvsam.data.sampling import evenly_spaced
+from mvsam.errors import InputError
+from mvsam.evaluation.evaluate import Sample, evaluate
+from mvsam.evaluation.protocols import PROTOCOLS
+from mvsam.evaluation.yardsticks import (
+    ConstantMedianDepth,
+    MajorityLabel,
+    majority_label,
+    median_depth,
+)
+from mvsam.inference.record import versions
+from mvsam.precision import autocast
+from mvsam.weights import load
+
+
+class Tuples:
+    """Some tuples of a data set, evenly spaced; read once, then kept."""
+
+    def __init__(self, data: TupleDataset, limit: int | None):
+        indices = [(index,) for index in range(len(data))]
+        self.indices = [index for (index,) in evenly_spaced(indices, limit)]
+        self.read = lru_cache(maxsize=None)(data.__getitem__)
+
+    def __iter__(self) -> Iterator[Sample]:
+        return (self.read(index) for index in self.indices)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("models", nargs="+", help="names or weights files")
+    parser.add_argument("--data", default="rooms:val")
+    parser.add_argument("--limit", type=int, help="at most so many tuples, evenly spaced")
+    parser.add_argument("--views", type=int, default=3)
+    parser.add_argument("--out", type=Path, help="JSON file to write")
+    arguments = parser.parse_args()
+    protocol = PROTOCOLS["paper"]
+    data = TupleDataset(open_data(arguments.data), arguments.views, protocol.size)
+    samples = Tuples(data, arguments.limit)
+    depth = median_depth((targets for _, _, targets in samples), protocol)
+    label = majority_label(targets for _, _, targets in samples)
+    if depth is None or label is None:
+        raise InputError(f"{arguments.data} has no depth or no labels to score against.")
+    constants = {
+        "constant median depth": ConstantMedianDepth(depth),
+        "majority label": MajorityLabel(label),
+    }
+    scores = {name: evaluate(answer, samples, protocol) for name, answer in constants.items()}
+    with autocast("cpu"):
+        scores |= {name: evaluate(load(name), samples, protocol) for name in arguments.models}
+    totals = {
+        name: {k: v for k, v in result.as_json().items() if k != "scenes"}
+        for name, result in scores.items()
+    }
+    report(totals)
+    if arguments.out:
+        record = {
+            "data": arguments.data,
+            "num_views": arguments.views,
+            "versions": versions(),
+            "scores": totals,
+        }
+        arguments.out.write_text(json.dumps(record, indent=2) + "\n")
+
+
+def report(totals: dict[str, dict]) -> None:
+    columns = ("abs", "rel", "rmse", "delta_1.03", "delta_1.25", "miou", "num_images")
+    table = Table("answer", *columns)
+    for name, values in totals.items():
+        cells = [values[column] for column in columns]
+        table.add_row(name, *("-" if x is None else f"{x:.3f}" for x in cells))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
