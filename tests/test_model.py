@@ -216,6 +216,18 @@ def test_views_encoded_one_by_one_and_joined_equal_those_encoded_together(evalua
         torch.testing.assert_close(a, b, atol=1e-4, rtol=1e-4)
 
 
+def test_the_bridge_adds_semantics_to_geometry_at_every_scale(evaluated):
+    model, views = evaluated("base"), random_views()
+    images = views.images[0]
+    with torch.no_grad():
+        pyramid = model.encode(views).pyramid
+        added = model.bridge(model.semantic_encoder(images))
+        for level, geometry, semantics in zip(
+            pyramid, model.geometry_encoder(images), added, strict=True
+        ):
+            torch.testing.assert_close(level[0], geometry + semantics)
+
+
 @pytest.mark.parametrize("name", ["sam_semantic", "sam_conv", "sam_semantic_gt_depth"])
 def test_a_model_of_one_view_looks_at_view_0_alone(evaluated, name: str, monkeypatch):
     model, views = evaluated(name), views_for(name)

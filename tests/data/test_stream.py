@@ -65,6 +65,12 @@ def test_each_scene_comes_once_in_every_epoch_in_changing_order(config: DataConf
     assert len(set(epochs)) > 1
 
 
+def test_a_scene_shows_other_tuples_when_it_comes_again(config: DataConfig):
+    stream = SampleStream(config, seed=1)
+    poses = [stream[n][0].world_from_cam for n in range(24) if scene_of(stream[n], stream) == 0]
+    assert len({str(pose.tolist()) for pose in poses}) > 1
+
+
 def test_samples_hold_the_references_first_and_their_own_targets(config: DataConfig):
     views, targets = SampleStream(config, seed=1)[0]
     assert views.images.shape == (1, 3, 3, 32, 32) and len(targets) == 2

@@ -1,10 +1,12 @@
 import pytest
 import torch
 from segment_anything.modeling import MaskDecoder
+from segment_anything.modeling.prompt_encoder import PositionEmbeddingRandom
 from segment_anything.modeling.transformer import TwoWayTransformer as OriginalTransformer
 
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder, upscaling
 from mvsam.segmentation.transformer import TwoWayTransformer
+from tests.segmentation.test_transformer import renamed
 
 
 def small_decoder(num_classes: int = 5) -> SemanticDecoder:
@@ -30,6 +32,25 @@ def test_upscaling_equals_sam_s_with_equal_weights():
     ours.load_state_dict(original.state_dict())
     features = torch.randn(1, 32, 4, 6)
     torch.testing.assert_close(ours(features), original(features))
+
+
+def test_logits_are_sam_s_masks_of_the_class_tokens_on_a_wide_grid():
+    ours = small_decoder()
+    transformer = OriginalTransformer(depth=2, embedding_dim=32, num_heads=4, mlp_dim=48)
+    state = {renamed(k): v for k, v in transformer.state_dict().items()}
+    ours.transformer.load_state_dict(state)
+    position = PositionEmbeddingRandom(16)
+    ours.position.load_state_dict({"gaussian": position.positional_encoding_gaussian_matrix})
+    features, embedding = torch.randn(2, 32, 4, 6), torch.randn(2, 32, 4, 6)
+    tokens, cells = transformer(
+        features + embedding,
+        position((4, 6)).expand(2, -1, -1, -1),
+        ours.class_tokens.expand(2, -1, -1),
+    )
+    image = ours.upscaling(cells.mT.unflatten(2, (4, 6)))
+    expected = torch.einsum("bkc,bchw->bkhw", ours.queries(tokens), image)
+    prompt = embedding, torch.ones(2, 1, 4, 6, dtype=torch.bool)
+    torch.testing.assert_close(ours(features, prompt), expected, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("num_classes", [1, 3, 150])
