@@ -14,6 +14,7 @@ from mvsam import weights
 from mvsam.build import MODELS
 from mvsam.errors import InputError
 from mvsam.model import MultiViewSAM
+from mvsam.segmentation.decoder import SemanticDecoder
 from mvsam.weights import WeightsInfo, load_into, load_sam, read_tensors, save
 from tests.encoders.sam_twin import original_encoder, randomize
 from tests.small import random_views, shuffle_statistics, small_model
@@ -278,7 +279,7 @@ def released() -> dict[str, torch.Tensor]:
     torch.manual_seed(3)
     encoder = original_encoder()
     randomize(encoder)
-    transformer = TwoWayTransformer(depth=2, embedding_dim=256, num_heads=8, mlp_dim=64)
+    transformer = TwoWayTransformer(depth=2, embedding_dim=256, num_heads=8, mlp_dim=2048)
     sam = Sam(
         encoder,
         PromptEncoder(256, (4, 4), (64, 64), mask_in_chans=16),
@@ -320,6 +321,34 @@ def test_sam_s_prompt_encoder_and_mask_decoder_are_ignored(released, tmp_path: P
     changed = {k for k, v in model.state_dict().items() if not torch.equal(v, before[k])}
     starts = ("semantic_encoder.backbone.", "decoder.position.gaussian")
     assert changed and all(key.startswith(starts) for key in changed)
+
+
+def test_sam_s_decoder_is_a_start_when_asked_for(released, tmp_path: Path):
+    torch.save(released, tmp_path / "sam.pth")
+    model = small_model("base")
+    load_sam(model, tmp_path / "sam.pth", include_decoder=True)
+    original = TwoWayTransformer(depth=2, embedding_dim=256, num_heads=8, mlp_dim=2048)
+    prefix = "mask_decoder.transformer."
+    original.load_state_dict(
+        {k.removeprefix(prefix): v for k, v in released.items() if k.startswith(prefix)}
+    )
+    image, position = torch.randn(1, 256, 4, 4), torch.randn(1, 256, 4, 4)
+    tokens = torch.randn(1, 3, 256)
+    decoder = model.decoder
+    assert isinstance(decoder, SemanticDecoder)
+    cells = (x.flatten(2).mT.contiguous() for x in (image, position))
+    with torch.no_grad():
+        ours, expected = decoder.transformer(tokens, *cells), original(image, position, tokens)
+    for a, b in zip(ours, expected, strict=True):
+        torch.testing.assert_close(a, b, atol=1e-4, rtol=1e-4)
+    last = "mask_decoder.output_upscaling.3.weight"
+    assert torch.equal(decoder.state_dict()["upscaling.3.weight"], released[last])
+
+
+def test_a_model_without_transformer_takes_no_decoder_of_sam_s(released, tmp_path: Path):
+    torch.save(released, tmp_path / "sam.pth")
+    with pytest.raises(InputError, match="no transformer decoder"):
+        load_sam(small_model("sam_conv"), tmp_path / "sam.pth", include_decoder=True)
 
 
 def missing(state):

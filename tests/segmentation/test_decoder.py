@@ -4,7 +4,13 @@ from segment_anything.modeling import MaskDecoder
 from segment_anything.modeling.prompt_encoder import PositionEmbeddingRandom
 from segment_anything.modeling.transformer import TwoWayTransformer as OriginalTransformer
 
-from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder, upscaling
+from mvsam.segmentation.decoder import (
+    ConvDecoder,
+    PerClassQueries,
+    SemanticDecoder,
+    query_mlp,
+    upscaling,
+)
 from mvsam.segmentation.transformer import TwoWayTransformer
 from tests.segmentation.test_transformer import renamed
 
@@ -19,6 +25,20 @@ def test_full_size_decoder_has_the_specified_parameters():
     # 3,510,144 without the 256 numbers of the no-depth embedding, which the table counts apart.
     decoder = SemanticDecoder(20, TwoWayTransformer())
     assert sum(p.numel() for p in decoder.parameters()) == 3_510_144 + 256
+
+
+def test_the_other_reading_of_the_queries_has_an_mlp_for_each_class():
+    with torch.device("meta"):
+        decoder = SemanticDecoder(20, TwoWayTransformer(), queries=PerClassQueries(20))
+    assert sum(p.numel() for p in decoder.parameters()) == 6_166_496 + 256
+
+
+def test_equal_mlps_for_each_class_are_one_shared_mlp():
+    shared, apart = query_mlp(32), PerClassQueries(5, 32)
+    for mlp in apart.mlps:
+        mlp.load_state_dict(shared.state_dict())
+    tokens = torch.randn(2, 5, 32)
+    torch.testing.assert_close(apart(tokens), shared(tokens))
 
 
 def test_conv_decoder_has_sam_s_upscaling_and_one_1_x_1_convolution():
