@@ -126,6 +126,23 @@ def tiny_vit() -> VisionTransformerSAM:
     return encoder
 
 
+def tiny_decoder(num_classes: int) -> SemanticDecoder:
+    transformer = TwoWayTransformer(TINY_CHANNELS, num_heads=4, mlp_channels=512)
+    return SemanticDecoder(num_classes, transformer, TINY_CHANNELS)
+
+
+def tiny_semantic_gt_depth(num_classes: int = 20) -> MultiViewSAM:
+    """The semantic half of `tiny`, prompted with measured depth.
+
+    Trained on single pictures it stands in for SAM's pre-training, which `tiny` has none of.
+    """
+    return MultiViewSAM(
+        semantic_encoder=SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=None),
+        prompt=DepthPrompt(TINY_CHANNELS),
+        decoder=tiny_decoder(num_classes),
+    )
+
+
 def tiny(num_classes: int = 20, has_bridge: bool = True) -> MultiViewSAM:
     """The paper's network at a size for two CPU cores; every box of Figure 3 is there.
 
@@ -141,11 +158,7 @@ def tiny(num_classes: int = 20, has_bridge: bool = True) -> MultiViewSAM:
             interval_ratios=(4.0, 2.0, 0.5),
         ),
         prompt=DepthPrompt(TINY_CHANNELS),
-        decoder=SemanticDecoder(
-            num_classes,
-            TwoWayTransformer(TINY_CHANNELS, num_heads=4, mlp_channels=512),
-            TINY_CHANNELS,
-        ),
+        decoder=tiny_decoder(num_classes),
     )
 
 
@@ -181,6 +194,13 @@ _SPECS = (
     ),
     ModelSpec("sam_conv", sam_conv, "Table 4: SAM, conv decoder", "one RGB view", _SEMANTICS),
     ModelSpec("tiny", tiny, "none: ours, full, for two CPU cores", "posed RGB views", _BOTH),
+    ModelSpec(
+        "tiny_semantic_gt_depth",
+        tiny_semantic_gt_depth,
+        "none: semantic half of tiny",
+        "one RGB view and measured depth",
+        _SEMANTICS,
+    ),
     ModelSpec(
         "tiny_no_bridge",
         partial(tiny, has_bridge=False),

@@ -168,10 +168,15 @@ def test_a_single_photo_is_refused(tmp_path):
         view_tuples(PosedFolder(tmp_path), 3, DEPTH_RANGE)
 
 
-def test_one_view_is_no_stereo(tmp_path):
+def test_with_one_view_every_photo_stands_alone(tmp_path):
     write_posed_folder(tmp_path)
-    with pytest.raises(InputError, match="1 views do not make a stereo tuple"):
-        view_tuples(PosedFolder(tmp_path), 1, DEPTH_RANGE)
+    assert view_tuples(PosedFolder(tmp_path), 1, DEPTH_RANGE) == ([(0,), (1,), (2,)], [])
+
+
+def test_no_view_at_all_is_refused(tmp_path):
+    write_posed_folder(tmp_path)
+    with pytest.raises(InputError, match="0 views are none"):
+        view_tuples(PosedFolder(tmp_path), 0, DEPTH_RANGE)
 
 
 def test_evenly_spaced_keeps_both_ends_and_the_order():

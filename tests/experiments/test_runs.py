@@ -27,7 +27,7 @@ def scene(tmp_path_factory) -> PosedFolder:
 @pytest.mark.parametrize("name", RUNS)
 def test_every_run_builds_at_full_size(name: str):
     with torch.device("meta"):
-        model = initial_model(replace(RUNS[name].model, init=None, sam_checkpoint=None))
+        model = initial_model(replace(RUNS[name].model, init=(), sam_checkpoint=None))
     optimizer, _ = make_optimizer(model, RUNS[name].optimizer)
     assert sum(p.numel() for group in optimizer.param_groups for p in group["params"]) > 900_000
 
@@ -46,7 +46,7 @@ def test_every_run_takes_one_reduced_step_that_lowers_its_loss(name: str, scene:
         mock.patch("mvsam.build.sam_vit_b", small_backbone),
         mock.patch("mvsam.build.TINY_SIDE", SIDE),
     ):
-        model = initial_model(replace(run.model, init=None, sam_checkpoint=None)).train()
+        model = initial_model(replace(run.model, init=(), sam_checkpoint=None)).train()
     if model.semantic_encoder is not None:
         model.semantic_encoder.input_side = SIDE
     optimizer, schedule = make_optimizer(model, run.optimizer)

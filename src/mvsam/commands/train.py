@@ -83,5 +83,5 @@ class Train:
         if self.data:
             data = replace(data, train=self.data)
         if self.init:
-            model = replace(model, init=self.init)
+            model = replace(model, init=(self.init,))
         return replace(experiment, data=data, model=model)

@@ -28,10 +28,13 @@ def view_tuples(
     """(the tuples to predict, the names of frames skipped because no other frame overlaps them).
 
     A scene that prescribes tuples keeps them, cut to `num_views`; otherwise every frame is a
-    reference, with the sources of `rank_sources`. Raises `InputError` when no tuple is left.
+    reference, with the sources of `rank_sources`. Raises `InputError` when no tuple is left. With
+    one view, for models of single pictures, every frame stands alone.
     """
-    if num_views < 2:
-        raise InputError(f"{num_views} views do not make a stereo tuple; ask for 2 or more.")
+    if num_views < 1:
+        raise InputError(f"{num_views} views are none; ask for 1, or for stereo for 2 or more.")
+    if num_views == 1:
+        return [(index,) for index in range(len(scene))], []
     if len(scene) < 2:
         raise InputError(
             f"{scene.name}: depth needs at least two posed photos, found {len(scene)}; add more."

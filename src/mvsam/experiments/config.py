@@ -24,8 +24,9 @@ class ModelConfig:
     """The paper's K; none: as many as the training data have classes."""
     tuned_blocks: int | None = None
     """For the rows with SAM ViT-B: how many of its last blocks learn; none: the row's own."""
-    init: str | None = None
-    """Weights to begin with: a name, a file or a hub id; what does not fit in shape begins anew."""
+    init: tuple[str, ...] = ()
+    """Weights to begin with: names, files or hub ids, later ones over earlier ones; what none of
+    them has in its shape begins anew."""
     sam_checkpoint: str | None = None
     """SAM's released `sam_vit_b_*.pth` for the encoder of the paper's rows."""
     sam_decoder: bool = False

@@ -90,8 +90,8 @@ def initial_model(config: ModelConfig) -> MultiViewSAM:
     model = build(config.name, config.num_classes or len(SCANNET20), **options)
     if config.sam_checkpoint:
         load_sam(model, config.sam_checkpoint, config.sam_decoder)
-    if config.init:
-        load_into(model, config.init)
+    for name in config.init:
+        load_into(model, name)
     if not torch.cuda.is_available():
         use_plain_attention(model)
     return layout_channels_last(model)

@@ -11,30 +11,42 @@ from mvsam.training.optim import OptimizerConfig
 _ROOMS = DataConfig(train="rooms:train:0-1200", references=3, room_frames=3, cache="cache/rooms")
 _HALF = replace(_ROOMS, size=(160, 128))
 
+_SEMANTIC = "runs/tiny_semantic/model.safetensors"
+
 _TINY_HALF = Experiment(
     name="tiny_half",
-    about="First stage of `tiny`: half-size pictures, all three views as reference in turn.",
-    model=ModelConfig("tiny"),
+    about="Second stage of `tiny`: half-size pictures, all three views as reference in turn; the "
+    "semantic half begins with `tiny_semantic`.",
+    model=ModelConfig("tiny", init=(_SEMANTIC,)),
     data=_HALF,
-    optimizer=OptimizerConfig(lr=6e-4, steps=900, gradient_clip=1.0),
+    optimizer=OptimizerConfig(lr=6e-4, steps=600, gradient_clip=1.0),
     train=TrainConfig(batch_size=4, val_every=150, checkpoint_every=50),
 )
 
 _RUNS = (
+    Experiment(
+        name="tiny_semantic",
+        about="First stage of `tiny`: its semantic half on single pictures, prompted with true "
+        "depth, in place of SAM's pre-training.",
+        model=ModelConfig("tiny_semantic_gt_depth"),
+        data=replace(_HALF, num_views=1, references=1),
+        optimizer=OptimizerConfig(lr=6e-4, steps=1500, gradient_clip=1.0),
+        train=TrainConfig(batch_size=8, val_every=300, checkpoint_every=100),
+    ),
     _TINY_HALF,
     Experiment(
         name="tiny",
-        about="Second stage of `tiny`, at the size it is used at; begins with `tiny_half`.",
-        model=ModelConfig("tiny", init="runs/tiny_half/model.safetensors"),
+        about="Third stage of `tiny`, at the size it is used at.",
+        model=ModelConfig("tiny", init=("runs/tiny_half/model.safetensors",)),
         data=_ROOMS,
-        optimizer=OptimizerConfig(lr=3e-4, steps=170, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=85, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=3e-4, steps=140, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=70, checkpoint_every=20),
     ),
     replace(
         _TINY_HALF,
         name="tiny_no_bridge_half",
         about="`tiny_half` without its SAM->MVS bridge, at equal steps.",
-        model=ModelConfig("tiny_no_bridge"),
+        model=ModelConfig("tiny_no_bridge", init=(_SEMANTIC,)),
     ),
     replace(
         _TINY_HALF,

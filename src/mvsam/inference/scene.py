@@ -61,10 +61,8 @@ def predict_scene(
     Raises `InputError` for bad input and `DiskFullError`.
     """
     check_depth_range(depth_range)
-    if num_views > MOST_VIEWS:
-        raise InputError(
-            f"{num_views} views are too many for one prediction: at most {MOST_VIEWS}."
-        )
+    if not 2 <= num_views <= MOST_VIEWS:
+        raise InputError(f"{num_views} views for a prediction: ask for 2 to {MOST_VIEWS}.")
     frames = [scene.frame(index) for index in range(len(scene))]
     tuples, skipped = _chosen_tuples(scene, frames, num_views, depth_range, references)
     for name in skipped:
