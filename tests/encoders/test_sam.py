@@ -45,7 +45,8 @@ def test_full_size_backbone_equals_the_original_encoder_with_equal_weights():
     with torch.no_grad():
         expected = original(images)
         assert expected.shape == (1, 256, 64, 64)
-        torch.testing.assert_close(ours.forward_features(images), expected, atol=1e-5, rtol=0)
+        # Values of up to 5, so float32 itself is no finer than 5e-7.
+        torch.testing.assert_close(ours.forward_features(images), expected, atol=1e-5, rtol=1e-5)
 
 
 def test_sam_sees_320_x_256_at_1024_x_819():

@@ -30,7 +30,7 @@ _RUNS = (
         "depth, in place of SAM's pre-training.",
         model=ModelConfig("tiny_semantic_gt_depth"),
         data=replace(_HALF, num_views=1, references=1),
-        optimizer=OptimizerConfig(lr=6e-4, steps=1500, gradient_clip=1.0),
+        optimizer=OptimizerConfig(lr=6e-4, steps=1100, gradient_clip=1.0),
         train=TrainConfig(batch_size=8, val_every=300, checkpoint_every=100),
     ),
     _TINY_HALF,
