@@ -121,6 +121,24 @@ def test_importing_the_package_loads_neither_torch_nor_extras():
     assert not loaded_by("import mvsam") & {"torch", "lightning", "embreex", "trimesh", "timm"}
 
 
-def test_the_network_needs_no_extra():
-    extras = {"lightning", "pytorch_lightning", "embreex", "trimesh", "tensorboard", "torchmetrics"}
-    assert not loaded_by("import mvsam.build, mvsam.weights, mvsam.data") & extras
+EXTRAS = {
+    "lightning": {"training", "experiments"},
+    "tensorboard": {"experiments"},
+    "torchmetrics": {"training", "experiments"},
+    "embreex": {"rooms"},
+    "trimesh": {"rooms"},
+}
+"""Optional libraries and the parts that may import them as soon as they are imported."""
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_optional_libraries_are_imported_where_they_are_used_and_not_before(file: Path):
+    for node in ast.parse(file.read_text()).body:  # what runs when the file is imported
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names = [node.module or ""]
+        for name in names:
+            library = name.split(".")[0]
+            assert part_of(file) in EXTRAS.get(library, {part_of(file)}), f"{file} imports {name}"

@@ -37,7 +37,7 @@ def test_variance_is_zero_for_identical_views():
 
 
 def test_textbook_gradient_is_right_in_float64():
-    features, intrinsics, poses, hypotheses = problem(channels=2, planes=2, height=4, width=5)
+    features, intrinsics, poses, hypotheses = problem(channels=1, planes=2, height=4, width=5)
     features = features.double().requires_grad_()
     assert torch.autograd.gradcheck(
         lambda x: textbook_variance_volume(x, intrinsics, poses, hypotheses.double()), features
