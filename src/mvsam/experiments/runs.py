@@ -19,8 +19,8 @@ _TINY_HALF = Experiment(
     "semantic half begins with `tiny_semantic`.",
     model=ModelConfig("tiny", init=(_SEMANTIC,)),
     data=_HALF,
-    optimizer=OptimizerConfig(lr=6e-4, steps=600, gradient_clip=1.0),
-    train=TrainConfig(batch_size=4, val_every=150, checkpoint_every=50),
+    optimizer=OptimizerConfig(lr=6e-4, steps=520, gradient_clip=1.0),
+    train=TrainConfig(batch_size=4, val_every=130, checkpoint_every=40),
 )
 
 _RUNS = (
@@ -39,8 +39,8 @@ _RUNS = (
         about="Third stage of `tiny`, at the size it is used at.",
         model=ModelConfig("tiny", init=("runs/tiny_half/model.safetensors",)),
         data=_ROOMS,
-        optimizer=OptimizerConfig(lr=3e-4, steps=140, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=70, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=3e-4, steps=130, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=65, checkpoint_every=20),
     ),
     replace(
         _TINY_HALF,
