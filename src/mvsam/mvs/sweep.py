@@ -17,6 +17,7 @@ from shutil import which
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 KERNEL_CHANNELS = (8, 16, 32)
 MAXIMUM_VIEWS = 16
@@ -106,6 +107,7 @@ class _Sweep(torch.autograd.Function):
         return volume.permute(0, 4, 1, 2, 3)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, volume_gradient):  # pyright: ignore[reportIncompatibleMethodOverride]
         channels_last, projections, hypotheses = ctx.saved_tensors
         incoming = volume_gradient.permute(0, 2, 3, 4, 1).contiguous()
