@@ -47,7 +47,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Median seconds and peak memory of one case."""
+    """Seconds (medians, but for the boxes) and peak memory of one case."""
 
     case: Case
     seconds: float
@@ -55,7 +55,7 @@ class Measurement:
     seconds_all_references: float
     """Every view as reference in turn, features computed once."""
     stages: dict[str, float]
-    """Seconds of each box within `seconds`."""
+    """Mean seconds of each box in a call like that of `seconds`."""
     peak_mib: float
     """Largest resident size of the process."""
     libraries_mib: float
