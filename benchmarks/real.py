@@ -22,8 +22,8 @@ from mvsam.data.sampling import evenly_spaced
 from mvsam.evaluation.evaluate import Sample, Scores, evaluate
 from mvsam.evaluation.protocols import PROTOCOLS, Protocol
 from mvsam.evaluation.yardsticks import MeasuredMedianDepth
-from mvsam.inference.record import versions
 from mvsam.precision import autocast
+from mvsam.provenance import provenance
 from mvsam.weights import load
 
 
@@ -75,7 +75,7 @@ def main() -> None:
             "model": arguments.model,
             "weights_hash": getattr(model, "weights_hash", None),
             "num_views": arguments.views,
-            "versions": versions(),
+            **provenance(),
             **scores.as_json(),
             "per_image_median": constant.as_json()["scenes"],
         }

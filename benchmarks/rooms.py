@@ -27,8 +27,8 @@ from mvsam.evaluation.yardsticks import (
     majority_label,
     median_depth,
 )
-from mvsam.inference.record import versions
 from mvsam.precision import autocast
+from mvsam.provenance import provenance
 from mvsam.weights import load
 
 
@@ -75,7 +75,7 @@ def main() -> None:
         record = {
             "data": arguments.data,
             "num_views": arguments.views,
-            "versions": versions(),
+            **provenance(),
             "scores": totals,
         }
         arguments.out.write_text(json.dumps(record, indent=2) + "\n")

@@ -12,11 +12,13 @@ import mvsam
 PACKAGE = Path(mvsam.__file__).parent  # pyright: ignore[reportArgumentType]
 
 NETWORK = {"encoders", "mvs", "segmentation"}
-MODELS = {"types", "errors", "files", "precision", "geometry", "model", "build", "weights"}
+BASE = {"types", "errors", "files", "precision", "provenance"}
+MODELS = BASE | {"geometry", "model", "build", "weights"}
 ALLOWED: dict[str, set[str]] = {
     "types": set(),
     "errors": set(),
     "precision": set(),
+    "provenance": set(),
     "files": {"errors"},
     "geometry": {"types"},
     "encoders": {"types", "geometry"},
@@ -32,7 +34,6 @@ ALLOWED: dict[str, set[str]] = {
     "evaluation": {"types", "errors"},
     "training": {"types", "errors", "precision", "evaluation"},
     "inference": MODELS | {"data", "evaluation"},
-    "predict": MODELS | {"data", "evaluation", "inference"},
     "experiments": MODELS | {"data", "training", "evaluation"},
 }
 """What each part may import; `apps`, `commands` and `cli` lie above them all, in this order."""
@@ -124,7 +125,6 @@ def test_importing_the_package_loads_neither_torch_nor_extras():
 EXTRAS = {
     "lightning": {"training", "experiments"},
     "tensorboard": {"experiments"},
-    "torchmetrics": {"training", "experiments"},
     "embreex": {"rooms"},
     "trimesh": {"rooms"},
 }

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
+from inspect import signature
 
 import torch
 from timm.models.vision_transformer_sam import VisionTransformerSAM
@@ -222,8 +223,12 @@ def model_spec(name: str) -> ModelSpec:
 
 
 def build(name: str, num_classes: int = 20, **options) -> MultiViewSAM:
-    """The model of that name with random weights."""
-    return model_spec(name).build(num_classes=num_classes, **options)
+    """The model of that name with random weights; `options` are those of its function here."""
+    spec = model_spec(name)
+    known = signature(spec.build).parameters
+    if unknown := sorted(set(options) - set(known)):
+        raise InputError(f"model '{name}' has no option {', '.join(unknown)}.")
+    return spec.build(num_classes=num_classes, **options)
 
 
 def count_parameters(name: str) -> int:

@@ -87,6 +87,8 @@ def locate(name: str) -> tuple[Path, Path]:
         if path.suffix == ".ckpt" and not page.exists():
             page = path.with_name(RUN_PAGE)
         return path, page
+    if path.exists():
+        raise InputError(f"{path} holds no {HUB_WEIGHTS}: is the run finished?")
     if name in MODELS:
         raise InputError(
             f"model '{name}' has no embedded weights (there are: {', '.join(embedded())}); train "
@@ -132,7 +134,7 @@ def push_to_hub(folder: Path, repository: str, private: bool = False) -> str:
 
 def save(
     model: nn.Module,
-    path: Path,
+    path: str | Path,
     name: str,
     depth_range: tuple[float, float] = (0.1, 5.0),
     training: dict[str, Any] | None = None,
@@ -154,6 +156,7 @@ def save(
         input_size=model_spec(name).input_size,
         training=training or {},
     )
+    path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(f".{os.getpid()}.tmp")
     save_file(tensors, temporary)
@@ -184,6 +187,8 @@ def _info_of_run(experiment: dict[str, Any]) -> dict[str, Any]:
     return {
         "model": model["name"],
         "num_classes": model["num_classes"],
+        "classes": experiment.get("classes", ()),
+        "palette": experiment.get("palette", ()),
         "depth_range": experiment["data"]["depth_range"],
         "input_size": model_spec(model["name"]).input_size,
         "training": {"run": experiment["name"], "commit": experiment["commit"]},

@@ -5,7 +5,6 @@ Each case runs in a process of its own, so that its peak memory is its own.
 
 import json
 import os
-import platform
 import resource
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from torch import nn
 
 from mvsam.build import build, model_spec
 from mvsam.mvs.sweep import load_kernel
+from mvsam.provenance import provenance
 from mvsam.types import Views
 from mvsam.weights import layout_channels_last
 
@@ -77,7 +77,8 @@ def measure(case: Case) -> Measurement:
 
     def every() -> None:
         features = model.encode(views)
-        for reference in range(case.num_views):
+        # Measured depth belongs to view 0 alone.
+        for reference in range(1 if views.measured_depth is not None else case.num_views):
             model.decode(features, views, reference)
 
     use_bfloat16 = case.precision == "bfloat16"
@@ -158,10 +159,9 @@ def _resident_mib() -> float:
 def machine_record() -> dict:
     """What a reader needs to place the figures."""
     return {
-        "device": torch.cuda.get_device_name() if torch.cuda.is_available() else _processor(),
+        **provenance(),
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads(),
-        "torch": torch.__version__,
         "kernel": "compiled" if load_kernel() else "plain PyTorch",
         "bfloat16_gflops": matmul_gflops(torch.bfloat16),
         "float32_gflops": matmul_gflops(torch.float32),
@@ -175,14 +175,6 @@ def matmul_gflops(dtype: torch.dtype, size: int = 2048) -> float:
     with torch.inference_mode():
         seconds = _median(lambda: torch.mm(a, a), 6)
     return 2 * size**3 / seconds / 1e9
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo") as file:
-            return next(x.split(":")[1].strip() for x in file if x.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

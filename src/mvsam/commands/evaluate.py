@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -36,7 +37,8 @@ class Evaluate:
     """
 
     model: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="MODEL")]
-    """Name with embedded weights, path of a .safetensors or .ckpt file, or Hugging Face id."""
+    """Name with embedded weights, name of a finished run, path of a .safetensors or .ckpt file, or
+    Hugging Face id."""
     data: str = "rooms:val"
     """rooms:val, rooms:test, a part (rooms:val:0-10), or the path of one scene or of several."""
     protocol: str = "paper"
@@ -55,7 +57,7 @@ class Evaluate:
         from mvsam.precision import autocast
 
         protocol = _protocol(self.protocol)
-        model = load_model(self.model, self.device)
+        model = load_model(_weights_of(self.model), self.device)
         samples = self._samples(protocol)
         chosen = evenly_spaced([(index,) for index in range(len(samples))], self.limit)
         device = next(model.parameters()).device.type
@@ -86,6 +88,14 @@ class Evaluate:
         for name in samples.skipped:
             log.warning("%s: no other photo overlaps it; it is skipped.", name)
         return samples
+
+
+def _weights_of(name: str) -> str:
+    """The trained weights of a run of that name; else the name itself."""
+    from mvsam.weights import embedded
+
+    trained = Path("runs") / name / "model.safetensors"
+    return name if name in embedded() or not trained.exists() else str(trained)
 
 
 def _protocol(name: str) -> Protocol:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from mvsam.errors import MissingExtraError
+
 if TYPE_CHECKING:
     from mvsam.experiments.config import Experiment
 
@@ -58,8 +60,11 @@ class Train:
         return replace(verb, overrides=(*others, *asked))
 
     def run(self) -> None:
+        try:
+            from mvsam.experiments.driver import train
+        except ModuleNotFoundError as error:
+            raise MissingExtraError("training", error.name or "lightning", "train") from error
         from mvsam.experiments.config import Experiment
-        from mvsam.experiments.driver import train
         from mvsam.experiments.runs import find_run
 
         experiment = tyro.cli(

@@ -12,6 +12,7 @@ from mvsam.data.cache import cached_scene
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import collate, make_targets, make_views
 from mvsam.data.sampling import view_tuples
+from mvsam.errors import InputError
 from mvsam.types import Scene, Targets, Views
 
 
@@ -50,12 +51,13 @@ class SampleStream(Dataset[TrainingSample]):
     def __init__(self, config: DataConfig, seed: int):
         self.config, self.seed = config, seed
         self.scenes: Sequence[Scene] = open_data(config.train, room_frames=config.room_frames)
+        self._tuples: dict[int, list[tuple[int, ...]]] = {}
 
     def __getitem__(self, n: int) -> TrainingSample:
         epoch, position = divmod(n, len(self.scenes))
-        scene = self._scene(int(_permutation(self.seed, epoch, len(self.scenes))[position]))
-        config = self.config
-        tuples, _ = view_tuples(scene, config.num_views, config.depth_range)
+        index = int(_permutation(self.seed, epoch, len(self.scenes))[position])
+        scene, config = self._scene(index), self.config
+        tuples = self._full_tuples(index, scene)
         chosen = tuples[np.random.default_rng((self.seed, n)).integers(len(tuples))]
         frames = [scene.frame(index) for index in chosen]
         views = make_views(frames, config.size, config.depth_range)
@@ -63,6 +65,19 @@ class SampleStream(Dataset[TrainingSample]):
             views = replace(views, measured_depth=None)
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
         return views, targets
+
+    def _full_tuples(self, index: int, scene: Scene) -> list[tuple[int, ...]]:
+        """Those with as many views as are asked for, so that samples fit into one batch."""
+        if index not in self._tuples:
+            tuples, _ = view_tuples(scene, self.config.num_views, self.config.depth_range)
+            full = [views for views in tuples if len(views) == self.config.num_views]
+            if not full:
+                raise InputError(
+                    f"{scene.name}: no photo has {self.config.num_views - 1} sources that overlap "
+                    "it; leave the scene out or train with fewer --data.num-views."
+                )
+            self._tuples[index] = full
+        return self._tuples[index]
 
     def _scene(self, index: int) -> Scene:
         scene = self.scenes[index]

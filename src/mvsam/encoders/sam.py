@@ -130,8 +130,12 @@ def resample_valid(
     y = y.clamp(0.5, max(valid[0] - 0.5, 0.5)) * (2 / rows) - 1
     x = x.clamp(0.5, max(valid[1] - 0.5, 0.5)) * (2 / columns) - 1
     grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)
-    grid = grid.expand(len(tokens), -1, -1, -1).to(tokens.dtype)
-    return F.grid_sample(tokens, grid, mode="bilinear", padding_mode="border", align_corners=False)
+    grid = grid.expand(len(tokens), -1, -1, -1)
+    # In float32: bfloat16 would round the positions by up to a third of a pixel.
+    sampled = F.grid_sample(
+        tokens.float(), grid, mode="bilinear", padding_mode="border", align_corners=False
+    )
+    return sampled.to(tokens.dtype)
 
 
 class ConvStem(nn.Module):

@@ -1,14 +1,13 @@
 """An experiment: small dataclasses, each defined beside the code it configures."""
 
 import json
-import subprocess
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 
-import torch
-
+from mvsam.data.labels import ClassTable
 from mvsam.data.stream import DataConfig
+from mvsam.files import write_json
+from mvsam.provenance import provenance
 from mvsam.training.losses import LossConfig
 from mvsam.training.module import TrainConfig
 from mvsam.training.optim import OptimizerConfig
@@ -46,31 +45,12 @@ class Experiment:
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
     train: TrainConfig = field(default_factory=TrainConfig)
 
-    def save(self, path: Path) -> None:
-        """As JSON, with the commit and the versions it ran under."""
-        record = {**asdict(self), "commit": commit(), "versions": versions()}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(record, indent=2) + "\n")
+    def as_json(self) -> dict:
+        """What JSON makes of it: tuples become lists."""
+        return json.loads(json.dumps(asdict(self)))
 
-
-def commit() -> str:
-    """The checkout's commit, with a + if it was changed since; "unknown" outside a checkout."""
-    here = Path(__file__).parent
-    try:
-        name = subprocess.run(
-            ["git", "rev-parse", "--short=10", "HEAD"],
-            cwd=here,
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout.strip()
-        changed = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "."], cwd=here).returncode
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return name + ("+" if changed else "")
-
-
-def versions() -> dict[str, str]:
-    return {name: version(name) for name in ("mvsam", "torch", "timm", "lightning", "numpy")} | {
-        "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
-    }
+    def save(self, path: Path, classes: ClassTable) -> None:
+        """As JSON, with the classes it learns, and the command, commit and versions."""
+        names = {"classes": classes.names, "palette": classes.colors}
+        record = {**asdict(self), **names, **provenance()}
+        write_json(path, record)

@@ -1,5 +1,7 @@
 """Trains an experiment: data, checkpoints, exact resume, logs, and the weights at the end."""
 
+import json
+import logging
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +10,7 @@ import torch
 from lightning import LightningDataModule, Trainer, seed_everything
 from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from lightning.pytorch.utilities import rank_zero_only
 from torch.utils.data import DataLoader
 
 from mvsam.build import build
@@ -15,12 +18,22 @@ from mvsam.data.dataset import TupleDataset, collate, open_data
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.data.stream import Onward, SampleStream, collate_training
 from mvsam.errors import InputError
-from mvsam.experiments.config import Experiment, ModelConfig, commit
+from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.pictures import ValidationPictures
 from mvsam.model import MultiViewSAM
 from mvsam.precision import has_native_bfloat16
+from mvsam.provenance import commit
 from mvsam.training.module import TrainingModule
-from mvsam.weights import layout_channels_last, load_into, load_sam, save
+from mvsam.weights import (
+    RUN_PAGE,
+    layout_channels_last,
+    load_into,
+    load_sam,
+    read_tensors,
+    save,
+)
+
+log = logging.getLogger("mvsam")
 
 
 def train(
@@ -43,19 +56,22 @@ def train(
     classes = classes_of(experiment)
     if experiment.model.num_classes is None:
         experiment = replace(experiment, model=replace(experiment.model, num_classes=len(classes)))
-    experiment.save(folder / "experiment.json")
+    last = _checkpoint_to_resume(folder)
+    if last is not None:
+        warn_of_changes(experiment, folder / RUN_PAGE)
+        # The checkpoint holds every weight; the files the run began with need not exist any more.
+        model = initial_model(replace(experiment.model, init=(), sam_checkpoint=None))
+    else:
+        model = initial_model(experiment.model)
+    rank_zero_only(experiment.save)(folder / RUN_PAGE, classes)
     module = TrainingModule(
-        initial_model(experiment.model),
-        experiment.loss,
-        experiment.optimizer,
-        experiment.data.depth_range,
+        model, experiment.loss, experiment.optimizer, experiment.data.depth_range
     )
     trainer = _trainer(experiment, folder, devices, num_nodes, accelerator, progress)
     data = ExperimentData(experiment, devices * num_nodes)
-    last = folder / "last.ckpt"
     with warnings.catch_warnings():
         _silence_lightning()
-        trainer.fit(module, data, ckpt_path=str(last) if last.exists() else None, weights_only=True)
+        trainer.fit(module, data, ckpt_path=last, weights_only=True)
     target = folder / "model.safetensors"
     if trainer.is_global_zero:
         steps = trainer.global_step
@@ -71,6 +87,29 @@ def train(
     return target
 
 
+def _checkpoint_to_resume(folder: Path) -> Path | None:
+    """`folder/last.ckpt` if it is there; InputError if it cannot be read."""
+    last = folder / "last.ckpt"
+    if not last.exists():
+        return None
+    read_tensors(last)
+    return last
+
+
+def warn_of_changes(experiment: Experiment, page: Path) -> None:
+    """Says which settings differ from those the run began with."""
+    if not page.exists():
+        return
+    before, now = json.loads(page.read_text()), experiment.as_json()
+    for group, settings in now.items():
+        if not isinstance(settings, dict):
+            continue
+        for name, value in settings.items():
+            old = before.get(group, {}).get(name)
+            if old != value:
+                log.warning("%s: goes on with %s.%s %s, not %s.", page, group, name, value, old)
+
+
 def classes_of(experiment: Experiment) -> ClassTable:
     """The classes of the training scenes: those a folder brings, else ScanNet's 20."""
     first = open_data(experiment.data.train)[0]
@@ -80,6 +119,12 @@ def classes_of(experiment: Experiment) -> ClassTable:
         raise InputError(
             f"run {experiment.name}: --model.num-classes {wanted}, but {experiment.data.train} has "
             f"{len(classes)} classes; leave the option out."
+        )
+    watched = getattr(open_data(experiment.data.val)[0], "classes", SCANNET20)
+    if watched.names != classes.names:
+        raise InputError(
+            f"run {experiment.name}: {experiment.data.val} has other classes than "
+            f"{experiment.data.train}; give scenes of the same classes as --data.val."
         )
     return classes
 
@@ -91,7 +136,8 @@ def initial_model(config: ModelConfig) -> MultiViewSAM:
     if config.sam_checkpoint:
         load_sam(model, config.sam_checkpoint, config.sam_decoder)
     for name in config.init:
-        load_into(model, name)
+        anew = load_into(model, name)
+        log.info("%s: %d entries of the model are not in it", name, len(anew))
     if not torch.cuda.is_available():
         use_plain_attention(model)
     return layout_channels_last(model)
@@ -130,6 +176,7 @@ class ExperimentData(LightningDataModule):
 
     def val_dataloader(self) -> DataLoader:
         data = self.experiment.data
+        # Every process looks at all of them: unequal shares would wait for each other for ever.
         tuples = TupleDataset(
             open_data(data.val), data.num_views, data.size, data.depth_range, tuples_per_scene=1
         )
@@ -199,6 +246,11 @@ def _check(experiment: Experiment, num_processes: int) -> None:
         raise InputError(
             f"run {experiment.name}: a batch of {experiment.train.batch_size} cannot be shared by "
             f"{num_processes} processes; change --train.batch-size."
+        )
+    if any(side % 32 for side in experiment.data.size):
+        raise InputError(
+            f"run {experiment.name}: pictures of {experiment.data.size[0]}x"
+            f"{experiment.data.size[1]}; both sides of --data.size must be divisible by 32."
         )
     if experiment.data.references > experiment.data.num_views:
         raise InputError(

@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,17 @@ import torch
 from torch import nn
 
 from mvsam.errors import InputError
+from mvsam.provenance import versions
+from mvsam.types import Frame
 
-IDENTITY = ("scene", "model", "weights_hash", "num_views", "depth_range")
+IDENTITY = ("scene", "cameras_hash", "model", "weights_hash", "num_views", "depth_range")
 """Keys in which two runs must agree to share a folder."""
 
 
 def describe_run(
     model: nn.Module,
     scene_name: str,
+    frames: Sequence[Frame],
     num_views: int,
     depth_range: tuple[float, float],
     arguments: dict[str, Any] | None,
@@ -26,6 +29,7 @@ def describe_run(
     """The part of `run.json` that is known before the work begins."""
     return {
         "scene": scene_name,
+        "cameras_hash": hash_of_cameras(frames),
         "model": model_name(model),
         "weights_hash": getattr(model, "weights_hash", None) or hash_of_values(model),
         "num_views": num_views,
@@ -65,6 +69,16 @@ def model_name(model: nn.Module) -> str:
     return model.info.model if hasattr(model, "info") else type(model).__name__  # pyright: ignore
 
 
+def hash_of_cameras(frames: Sequence[Frame]) -> str:
+    """16 digits for the photos' names, sizes, intrinsics and poses: a corrected pose shows."""
+    digest = hashlib.sha256()
+    for frame in frames:
+        digest.update(f"{frame.name} {frame.size}".encode())
+        for matrix in (frame.intrinsics, frame.world_from_cam):
+            digest.update(np.ascontiguousarray(matrix, dtype=np.float64).tobytes())
+    return digest.hexdigest()[:16]
+
+
 def hash_of_values(model: nn.Module) -> str:
     """16 digits for a model that came from no file: SHA-256 of all its numbers and their names."""
     digest = hashlib.sha256()
@@ -73,19 +87,6 @@ def hash_of_values(model: nn.Module) -> str:
         # As bytes, because NumPy has no bfloat16.
         digest.update(value.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
     return digest.hexdigest()[:16]
-
-
-def versions() -> dict[str, str]:
-    try:
-        own = version("mvsam")
-    except PackageNotFoundError:
-        own = "not installed"
-    return {
-        "mvsam": own,
-        "torch": torch.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
 
 
 def device_name(model: nn.Module) -> str:

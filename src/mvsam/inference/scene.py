@@ -70,7 +70,7 @@ def predict_scene(
     if hint := pose_convention_hint(frames, depth_range):
         log.warning("%s: %s", scene.name, hint)
     folder = OutputFolder(Path(out))
-    run = describe_run(model, scene.name, num_views, depth_range, arguments)
+    run = describe_run(model, scene.name, frames, num_views, depth_range, arguments)
     chosen = [frames[views[0]] for views in tuples]
     _prepare(folder, run, chosen, overwrite, save_npz)
     work = _Work(Session(model, depth_range), frames, folder, run, save_npz)

@@ -21,7 +21,11 @@ from torch.autograd.function import once_differentiable
 
 KERNEL_CHANNELS = (8, 16, 32)
 MAXIMUM_VIEWS = 16
-_FLAGS = ("-O3", "-march=native", "-ffast-math", "-shared", "-fPIC", "-std=c++17")
+_FLAGS = (
+    *("-O3", "-march=native", "-shared", "-fPIC", "-std=c++17"),
+    # Not -ffast-math: it forgets NaN, and its start-up code changes the arithmetic of the process.
+    *("-fno-math-errno", "-fno-trapping-math"),
+)
 
 _log = logging.getLogger(__name__)
 
