@@ -1,6 +1,7 @@
 """Figure 3 in one forward pass: encoders, fusion, cascade, prompt, decoder."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -51,6 +52,13 @@ class MultiViewSAM(nn.Module):
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
     """
+
+    info: Any = None
+    """What the weights' file says of itself (`weights.WeightsInfo`); None for random weights."""
+    input_size: tuple[int, int] = (320, 256)
+    """(width, height) that photos are resized to, pixels."""
+    weights_hash: str | None = None
+    """Of the weights' file."""
 
     def __init__(
         self,

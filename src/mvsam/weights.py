@@ -10,6 +10,7 @@ import os
 import pickle
 import re
 from dataclasses import asdict, dataclass, field
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +60,12 @@ def load(name: str) -> MultiViewSAM:
     """
     path, page = locate(name)
     info = read_info(page)
-    options = {"tuned_blocks": 0} if _has_frozen_sam(info.model) else {}
-    model = build(info.model, info.num_classes, **options)
+    # Nothing is to be tuned: frozen blocks need no gradient.
+    has_option = "tuned_blocks" in signature(model_spec(info.model).build).parameters
+    model = build(info.model, info.num_classes, **({"tuned_blocks": 0} if has_option else {}))
     _load_strictly(model, read_tensors(path), path)
-    model.info = info  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
-    model.input_size = info.input_size  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
-    model.weights_hash = file_hash(path)  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
+    model.info, model.input_size = info, info.input_size
+    model.weights_hash = file_hash(path)
     return layout_channels_last(model).eval()
 
 
@@ -311,10 +312,6 @@ def _load_strictly(module: nn.Module, tensors: dict[str, Tensor], path: Path) ->
     if said:
         raise InputError(f"{path} does not fit this model: {'; '.join(said)}.")
     module.load_state_dict(tensors)
-
-
-def _has_frozen_sam(name: str) -> bool:
-    return name not in ("cas_mvsnet",) and not name.startswith("tiny")
 
 
 def file_hash(path: Path) -> str:

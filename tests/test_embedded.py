@@ -1,0 +1,51 @@
+"""The weights and the sample room that come with the package."""
+
+import pytest
+
+from mvsam import weights
+from mvsam.data.dataset import TupleDataset
+from mvsam.data.formats import open_scene
+from mvsam.data.labels import SCANNET20
+from mvsam.evaluation.evaluate import Scores, evaluate
+from mvsam.evaluation.protocols import PROTOCOLS
+from mvsam.evaluation.yardsticks import MajorityLabel, MeasuredMedianDepth, majority_label
+from mvsam.precision import autocast
+
+
+@pytest.fixture(scope="module")
+def samples() -> list:
+    data = TupleDataset([open_scene(weights.ASSETS / "sample")], tuples_per_scene=2)
+    return [data[index] for index in range(len(data))]
+
+
+@pytest.fixture(scope="module")
+def scores(samples: list) -> Scores:
+    with autocast("cpu"):
+        return evaluate(weights.load("tiny"), samples, PROTOCOLS["paper"])
+
+
+def test_tiny_knows_the_depth_of_the_sample_room(scores: Scores, samples: list):
+    protocol = PROTOCOLS["paper"]
+    median = evaluate(MeasuredMedianDepth(protocol), samples, protocol)
+    assert scores.as_json()["rel"] < 0.5 * median.as_json()["rel"]
+
+
+def test_tiny_knows_more_labels_of_the_sample_room_than_the_most_frequent(
+    scores: Scores, samples: list
+):
+    label = majority_label(targets for _, _, targets in samples)
+    assert label is not None
+    constant = evaluate(MajorityLabel(label), samples, PROTOCOLS["paper"])
+    assert scores.as_json()["miou"] > constant.as_json()["miou"]
+    assert scores.as_json()["accuracy"] > constant.as_json()["accuracy"]
+
+
+def test_tiny_says_what_it_was_trained_for_and_by_what():
+    info = weights.load("tiny").info
+    assert isinstance(info, weights.WeightsInfo)
+    assert info.classes == SCANNET20.names and info.palette == SCANNET20.colors
+    assert info.training["run"] == "tiny" and info.training["commit"]
+
+
+def test_the_weights_are_small_enough_to_come_with_the_package():
+    assert (weights.ASSETS / "tiny.safetensors").stat().st_size < 15e6
