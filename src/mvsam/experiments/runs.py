@@ -39,8 +39,8 @@ _RUNS = (
         about="Third stage of `tiny`, at the size it is used at.",
         model=ModelConfig("tiny", init=("runs/tiny_half/model.safetensors",)),
         data=_ROOMS,
-        optimizer=OptimizerConfig(lr=3e-4, steps=130, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=65, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=3e-4, steps=100, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=50, checkpoint_every=20),
     ),
     replace(
         _TINY_HALF,
