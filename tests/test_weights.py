@@ -407,3 +407,10 @@ def test_a_full_size_sam_file_loads(tmp_path: Path):
     load_sam(model, tmp_path / "sam.pth")
     own = model.state_dict()["semantic_encoder.backbone.blocks.11.mlp.fc2.weight"]
     assert torch.equal(own, state["image_encoder.blocks.11.mlp.lin2.weight"])
+
+
+def test_a_folder_without_weights_is_not_looked_for_on_the_hub(tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("runs/unfinished").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"runs/unfinished holds no model\.safetensors"):
+        weights.locate("runs/unfinished")

@@ -164,6 +164,21 @@ def test_overwrite_makes_everything_anew(scene, out: Path):
     assert len(result.written) == 4
 
 
+def test_maps_of_poses_since_corrected_are_not_kept(tmp_path: Path, scene, out: Path):
+    predict_scene(FakeModel(), scene, out, references=["0000"])
+    path = tmp_path / "room" / "poses" / "0003.txt"
+    pose = np.loadtxt(path)
+    pose[0, 3] += 0.01
+    np.savetxt(path, pose)
+    with pytest.raises(InputError, match=r"cameras_hash.*--overwrite"):
+        predict_scene(FakeModel(), open_scene(tmp_path / "room"), out)
+
+
+def test_fewer_than_two_views_are_refused(scene, out: Path):
+    with pytest.raises(InputError, match="1 views for a prediction: ask for 2 to 8"):
+        predict_scene(FakeModel(), scene, out, num_views=1)
+
+
 def test_another_model_does_not_mix_into_a_folder(scene, out: Path):
     predict_scene(FakeModel(), scene, out)
     with pytest.raises(InputError, match=r"model FakeModel, not WholeModel.*--overwrite"):
