@@ -16,6 +16,7 @@ import torch
 from torch import nn
 
 from mvsam.build import build, model_spec
+from mvsam.model import MultiViewSAM
 from mvsam.mvs.sweep import load_kernel
 from mvsam.provenance import provenance
 from mvsam.types import Views
@@ -75,20 +76,21 @@ def measure(case: Case) -> Measurement:
     def one() -> None:
         model(views)
 
-    def every() -> None:
-        features = model.encode(views)
-        # Measured depth belongs to view 0 alone.
-        for reference in range(1 if views.measured_depth is not None else case.num_views):
-            model.decode(features, views, reference)
-
     use_bfloat16 = case.precision == "bfloat16"
     with torch.inference_mode(), torch.autocast(device, torch.bfloat16, enabled=use_bfloat16):
         one()  # warm up
         clock.seconds.clear()
         seconds = _median(one, case.repeats)
         stages = {box: total / case.repeats for box, total in clock.seconds.items()}
-        all_references = _median(every, case.repeats)
+        all_references = _median(lambda: every_reference(model, views), case.repeats)
     return Measurement(case, seconds, all_references, stages, _resident_mib(), libraries)
+
+
+def every_reference(model: MultiViewSAM, views: Views) -> None:
+    """Each view as reference in turn, encoded once; view 0 alone where it has measured depth."""
+    features = model.encode(views)
+    for reference in range(1 if views.measured_depth is not None else views.num_views):
+        model.decode(features, views, reference)
 
 
 def run_case(case: Case) -> Measurement:
