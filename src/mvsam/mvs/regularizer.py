@@ -1,5 +1,6 @@
 """The 3D U-Net that turns a cost volume into one score per hypothesis (CasMVSNet's, Sec. 3.2)."""
 
+from collections.abc import Callable
 from functools import cache
 
 import torch
@@ -18,15 +19,28 @@ class Conv3d(nn.Conv3d):
     def forward(
         self, volume: Float[Tensor, "batch _channel _plane _height _width"]
     ) -> Float[Tensor, "batch _channels _planes _rows _columns"]:
-        is_risky = (
-            volume.device.type == "cpu"
-            and torch.is_grad_enabled()
-            and volume.shape[2] < _fewest_bfloat16_planes()
-        )
-        if not is_risky:
-            return super().forward(volume)
-        with torch.autocast("cpu", enabled=False):
-            return super().forward(volume.float()).to(volume.dtype)
+        return _in_safe_precision(super().forward, volume)
+
+
+class ConvTranspose3d(nn.ConvTranspose3d):
+    """The same for the transposed convolution, whose forward pass is a convolution's backward."""
+
+    def forward(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, volume: Float[Tensor, "batch _channel _plane _height _width"]
+    ) -> Float[Tensor, "batch _channels _planes _rows _columns"]:
+        return _in_safe_precision(super().forward, volume)
+
+
+def _in_safe_precision(convolve: Callable[[Tensor], Tensor], volume: Tensor) -> Tensor:
+    is_risky = (
+        volume.device.type == "cpu"
+        and torch.is_grad_enabled()
+        and volume.shape[2] < _fewest_bfloat16_planes()
+    )
+    if not is_risky:
+        return convolve(volume)
+    with torch.autocast("cpu", enabled=False):
+        return convolve(volume.float()).to(volume.dtype)
 
 
 @cache
@@ -45,9 +59,7 @@ def conv3d_bn_relu(in_channels: int, out_channels: int, stride: int = 1) -> nn.S
 def deconv3d_bn_relu(in_channels: int, out_channels: int) -> nn.Sequential:
     """Twice the size on all three axes."""
     return nn.Sequential(
-        nn.ConvTranspose3d(
-            in_channels, out_channels, 3, 2, padding=1, output_padding=1, bias=False
-        ),
+        ConvTranspose3d(in_channels, out_channels, 3, 2, padding=1, output_padding=1, bias=False),
         nn.BatchNorm3d(out_channels),
         nn.ReLU(inplace=True),
     )
