@@ -137,7 +137,9 @@ def initial_model(config: ModelConfig) -> MultiViewSAM:
         load_sam(model, config.sam_checkpoint, config.sam_decoder)
     for name in config.init:
         anew = load_into(model, name)
-        log.info("%s: %d entries of the model are not in it", name, len(anew))
+        if anew:
+            total = len(model.state_dict())
+            log.warning("%s: has %d of the model's %d entries.", name, total - len(anew), total)
     if not torch.cuda.is_available():
         use_plain_attention(model)
     return layout_channels_last(model)
