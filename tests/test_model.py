@@ -8,7 +8,7 @@ import torch
 
 from mvsam.build import MODELS
 from mvsam.model import Features, MultiViewSAM
-from mvsam.training.losses import LossConfig, joint_loss
+from mvsam.training.losses import JointLoss
 from mvsam.types import Prediction, Views
 from tests.small import (
     random_poses,
@@ -90,7 +90,7 @@ def test_prediction_has_the_model_s_tasks_in_finite_numbers_of_the_photo_s_size(
 
 def train_once(model: MultiViewSAM, name: str) -> None:
     views = views_for(name, batch=2)
-    joint_loss(model(views), random_targets(2), views.depth_range, LossConfig())["loss"].backward()
+    JointLoss()(model(views), random_targets(2), views.depth_range)["loss"].backward()
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -105,6 +105,18 @@ class Views(_TensorStruct):
     def width(self) -> int:
         return self.images.shape[-1]
 
+    def with_reference(self, reference: int) -> "Views":
+        """The same views, this one first; ValueError if the measured depth is another's."""
+        if reference and self.measured_depth is not None:
+            raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
+        order = [reference, *(i for i in range(self.num_views) if i != reference)]
+        return replace(
+            self,
+            images=self.images[:, order],
+            intrinsics=self.intrinsics[:, order],
+            world_from_cam=self.world_from_cam[:, order],
+        )
+
 
 @dataclass(frozen=True)
 class Targets(_TensorStruct):
@@ -125,9 +137,9 @@ class DepthStage(_TensorStruct):
     probability: Float[Tensor, "batch plane stage_height stage_width"]
     """Sums to one over the planes."""
     depth: Float[Tensor, "batch stage_height stage_width"]
-    """Expectation over the planes, metres (Eq. 3)."""
+    """Expectation over the planes, metres (Eq. 3); TransMVSNet's: the most probable plane."""
     confidence: Float[Tensor, "batch stage_height stage_width"]
-    """Probability mass of the four planes around the expectation."""
+    """Probability mass of the four planes around the expectation (baselines: their own)."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +154,9 @@ class Prediction:
     """Before the softmax."""
     stages: list[DepthStage] = field(default_factory=list)
     """Coarse to fine; for the loss and for inspection."""
+    auxiliary: "tuple[Prediction, ...]" = ()
+    """Side outputs that training supervises, in the order their publication lists them, each at
+    its own resolution."""
 
     @property
     def labels(self) -> Int[Tensor, "batch height width"] | None:

@@ -10,7 +10,6 @@ from mvsam.data.stream import collate_training
 from mvsam.errors import InputError
 from mvsam.experiments.driver import initial_model
 from mvsam.experiments.runs import RUNS, find_run
-from mvsam.training.losses import joint_loss
 from mvsam.training.module import predict_references
 from mvsam.training.optim import make_optimizer
 from tests.small import SIDE, small_backbone
@@ -54,7 +53,7 @@ def test_every_run_takes_one_reduced_step_that_lowers_its_loss(name: str, scene:
     def loss() -> torch.Tensor:
         predictions = predict_references(model, views, len(targets))
         parts = [
-            joint_loss(prediction, target, views.depth_range, run.loss)["loss"]
+            run.loss(prediction, target, views.depth_range)["loss"]
             for prediction, target in zip(predictions, targets, strict=True)
         ]
         return torch.stack(parts).mean()

@@ -1,12 +1,13 @@
 import pytest
 import torch
 
-from mvsam.training.losses import LossConfig, depth_loss, joint_loss, segmentation_loss
+from mvsam.loss_terms import cross_entropy
+from mvsam.training.losses import JointLoss
 from mvsam.types import IGNORE, DepthStage, Prediction, Targets
 from tests.reference import losses as twin
 
 RANGE = torch.tensor([[0.1, 5.0]])
-ONE_STAGE = LossConfig(stage_weights=(1.0,))
+ONE_STAGE = JointLoss(stage_weights=(1.0,))
 
 
 def stage(depth: torch.Tensor) -> DepthStage:
@@ -16,7 +17,7 @@ def stage(depth: torch.Tensor) -> DepthStage:
 @pytest.mark.parametrize("error, expected", [(0.01, 0.0025), (0.02, 0.01), (0.05, 0.04)])
 def test_smooth_l1_turns_straight_at_two_centimetres(error: float, expected: float):
     target = torch.full((1, 2, 2), 2.0)
-    loss = depth_loss([stage(target + error)], target, RANGE, LossConfig(stage_weights=(1.0,)))
+    loss = ONE_STAGE.depth([stage(target + error)], target, RANGE)
     assert loss.item() == pytest.approx(expected, abs=1e-6)
     assert twin.smooth_l1(error, 0.02) == pytest.approx(expected, abs=1e-12)
 
@@ -24,7 +25,7 @@ def test_smooth_l1_turns_straight_at_two_centimetres(error: float, expected: flo
 def test_depth_loss_equals_the_slow_twin():
     target = 6 * torch.rand(1, 6, 7) * (torch.rand(1, 6, 7) > 0.3)
     predicted = target + 0.05 * torch.randn(1, 6, 7)
-    loss = depth_loss([stage(predicted)], target, RANGE, ONE_STAGE)
+    loss = ONE_STAGE.depth([stage(predicted)], target, RANGE)
     expected = twin.stage_depth_loss(predicted[0].tolist(), target[0].tolist(), 0.1, 5.0, 0.02)
     assert loss.item() == pytest.approx(expected, rel=1e-4)
 
@@ -32,21 +33,21 @@ def test_depth_loss_equals_the_slow_twin():
 def test_depth_outside_the_range_or_unknown_does_not_count():
     predicted = torch.full((1, 2, 2), 2.0)
     target = torch.tensor([[[2.5, 0.0], [0.05, 9.0]]])
-    loss = depth_loss([stage(predicted)], target, RANGE, ONE_STAGE)
+    loss = ONE_STAGE.depth([stage(predicted)], target, RANGE)
     assert loss.item() == pytest.approx(0.49)
 
 
 def test_each_item_s_own_range_decides():
     target = torch.full((2, 2, 2), 3.0)
     ranges = torch.tensor([[0.1, 5.0], [0.1, 2.0]])
-    loss = depth_loss([stage(target + 0.5)], target, ranges, ONE_STAGE)
+    loss = ONE_STAGE.depth([stage(target + 0.5)], target, ranges)
     assert loss.item() == pytest.approx(0.49)
-    assert depth_loss([stage(target + 0.5)], target, ranges[1:].expand(2, 2), ONE_STAGE) == 0
+    assert ONE_STAGE.depth([stage(target + 0.5)], target, ranges[1:].expand(2, 2)) == 0
 
 
 def test_no_valid_depth_gives_zero_loss_and_zero_gradient():
     predicted = torch.rand(1, 4, 4, requires_grad=True)
-    loss = depth_loss([stage(predicted)], torch.zeros(1, 4, 4), RANGE, ONE_STAGE)
+    loss = ONE_STAGE.depth([stage(predicted)], torch.zeros(1, 4, 4), RANGE)
     loss.backward()
     assert loss.item() == 0 and predicted.grad is not None and predicted.grad.eq(0).all()
 
@@ -57,34 +58,34 @@ def test_stages_are_weighted_a_half_one_and_two():
     for index, weight in enumerate((0.5, 1.0, 2.0)):
         wrong = list(stages)
         wrong[index] = stage(stages[index].depth + 0.11)
-        loss = depth_loss(wrong, target, RANGE, LossConfig())
+        loss = JointLoss().depth(wrong, target, RANGE)
         assert loss.item() == pytest.approx(0.1 * weight, abs=1e-6)
 
 
 def test_coarse_stages_see_the_nearest_true_pixel_and_no_mixture():
     # The centre of each 2 x 2 block is a corner of four pixels; the lower right one counts.
     target = 1 + torch.rand(1, 8, 8)
-    assert depth_loss([stage(target[:, 1::2, 1::2])], target, RANGE, ONE_STAGE) == 0
+    assert ONE_STAGE.depth([stage(target[:, 1::2, 1::2])], target, RANGE) == 0
     # 3 x 3 blocks have a middle pixel.
     target = 1 + torch.rand(1, 9, 9)
-    assert depth_loss([stage(target[:, 1::3, 1::3])], target, RANGE, ONE_STAGE) == 0
+    assert ONE_STAGE.depth([stage(target[:, 1::3, 1::3])], target, RANGE) == 0
 
 
 def test_a_wrong_number_of_stages_is_refused():
     with pytest.raises(ValueError):
-        depth_loss([stage(torch.ones(1, 2, 2))], torch.ones(1, 2, 2), RANGE, LossConfig())
+        JointLoss().depth([stage(torch.ones(1, 2, 2))], torch.ones(1, 2, 2), RANGE)
 
 
 def test_segmentation_loss_equals_the_slow_twin():
     logits, labels = 3 * torch.randn(1, 4, 3, 5), torch.randint(4, (1, 3, 5))
     labels[torch.rand(1, 3, 5) < 0.3] = IGNORE
     expected = twin.cross_entropy(logits[0].tolist(), labels[0].tolist(), IGNORE)
-    assert segmentation_loss(logits, labels).item() == pytest.approx(expected, rel=1e-5)
+    assert cross_entropy(logits, labels).item() == pytest.approx(expected, rel=1e-5)
 
 
 def test_labels_that_are_all_ignored_give_zero_loss_and_zero_gradient():
     logits = torch.randn(1, 4, 3, 3, requires_grad=True)
-    loss = segmentation_loss(logits, torch.full((1, 3, 3), IGNORE))
+    loss = cross_entropy(logits, torch.full((1, 3, 3), IGNORE))
     loss.backward()
     assert loss.item() == 0 and logits.grad is not None and logits.grad.eq(0).all()
 
@@ -92,15 +93,15 @@ def test_labels_that_are_all_ignored_give_zero_loss_and_zero_gradient():
 def test_eq_4_is_segmentation_plus_alpha_times_depth():
     target = Targets(torch.full((1, 4, 4), 2.0), torch.randint(3, (1, 4, 4)))
     prediction = Prediction(logits=torch.randn(1, 3, 4, 4), stages=[stage(target.depth + 0.3)])
-    parts = joint_loss(prediction, target, RANGE, LossConfig(alpha=0.25, stage_weights=(1.0,)))
+    parts = JointLoss(alpha=0.25, stage_weights=(1.0,))(prediction, target, RANGE)
     assert parts["depth"].item() == pytest.approx(0.29)
     torch.testing.assert_close(parts["loss"], parts["segmentation"] + 0.25 * parts["depth"])
 
 
 def test_a_model_of_one_task_has_that_loss_alone():
     target = Targets(torch.full((1, 4, 4), 2.0), torch.zeros(1, 4, 4, dtype=torch.long))
-    depth = joint_loss(Prediction(stages=[stage(target.depth)]), target, RANGE, ONE_STAGE)
-    labels = joint_loss(Prediction(logits=torch.zeros(1, 3, 4, 4)), target, RANGE, ONE_STAGE)
+    depth = ONE_STAGE(Prediction(stages=[stage(target.depth)]), target, RANGE)
+    labels = ONE_STAGE(Prediction(logits=torch.zeros(1, 3, 4, 4)), target, RANGE)
     assert set(depth) == {"loss", "depth"} and set(labels) == {"loss", "segmentation"}
     with pytest.raises(ValueError, match="neither depth stages nor logits"):
-        joint_loss(Prediction(), target, RANGE, ONE_STAGE)
+        ONE_STAGE(Prediction(), target, RANGE)

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from mvsam.training.losses import LossConfig, joint_loss
+from mvsam.training.losses import JointLoss
 from mvsam.training.module import TrainingModule, predict_references
 from mvsam.training.optim import OptimizerConfig
 from mvsam.types import Prediction, Targets, Views
@@ -10,7 +10,7 @@ from tests.small import random_targets, random_views, small_model
 
 def module_for(model: torch.nn.Module, logged: dict) -> TrainingModule:
     """A module without a trainer, whose log is a dict."""
-    module = TrainingModule(model, LossConfig(), OptimizerConfig(), (0.1, 5.0))
+    module = TrainingModule(model, JointLoss(), OptimizerConfig(), (0.1, 5.0))
     module.log = lambda name, value, **_: logged.update({name: value})  # pyright: ignore
     return module
 
@@ -46,7 +46,7 @@ def test_the_loss_of_a_step_is_the_mean_over_the_references():
     logged: dict = {}
     loss = module_for(model, logged).training_step((views, targets), 0)
     parts = [
-        joint_loss(prediction, target, views.depth_range, LossConfig())["loss"]
+        JointLoss()(prediction, target, views.depth_range)["loss"]
         for prediction, target in zip(predict_references(model, views, 2), targets, strict=True)
     ]
     torch.testing.assert_close(loss, torch.stack(parts).mean())

@@ -7,8 +7,9 @@ from pathlib import Path
 from mvsam.data.labels import ClassTable
 from mvsam.data.stream import DataConfig
 from mvsam.files import write_json
+from mvsam.loss_terms import Loss
 from mvsam.provenance import provenance
-from mvsam.training.losses import LossConfig
+from mvsam.training.losses import JointLoss
 from mvsam.training.module import TrainConfig
 from mvsam.training.optim import OptimizerConfig
 
@@ -41,7 +42,7 @@ class Experiment:
     """What the run is for, how long it took on which machine, and what it gave."""
     model: ModelConfig = field(default_factory=ModelConfig)
     data: DataConfig = field(default_factory=DataConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
+    loss: Loss = field(default_factory=JointLoss)
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
     train: TrainConfig = field(default_factory=TrainConfig)
 

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from mvsam.evaluation.evaluate import SceneScores, score_item
 from mvsam.evaluation.protocols import Protocol
-from mvsam.training.losses import LossConfig, joint_loss
+from mvsam.loss_terms import Loss
 from mvsam.training.optim import OptimizerConfig, make_optimizer
 from mvsam.types import Prediction, Targets, Views
 
@@ -37,21 +37,21 @@ class TrainingModule(LightningModule):
     def __init__(
         self,
         model: nn.Module,
-        loss: LossConfig,
+        loss: Loss,
         optimizer: OptimizerConfig,
         depth_range: tuple[float, float],
     ):
         super().__init__()
         self.model = model
-        self.loss_config = loss
+        self.loss = loss
         self.optimizer_config = optimizer
         self.depth_range = depth_range
 
     def training_step(self, batch: tuple[Views, list[Targets]], batch_index: int) -> Tensor:
-        """Mean of Eq. 4 over the references of the sample."""
+        """Mean of the loss over the references of the sample."""
         views, targets = batch
         losses = [
-            joint_loss(prediction, target, views.depth_range, self.loss_config)
+            self.loss(prediction, target, views.depth_range)
             for prediction, target in zip(
                 predict_references(self.model, views, len(targets)), targets, strict=True
             )
@@ -90,6 +90,8 @@ def predict_references(model: nn.Module, views: Views, num_references: int) -> l
     """Predictions for view 0, 1, ...; a model with `encode` and `decode` encodes only once."""
     if num_references == 1:
         return [model(views)]
+    if not hasattr(model, "encode"):
+        return [model(views.with_reference(reference)) for reference in range(num_references)]
     features = model.encode(views)  # pyright: ignore[reportCallIssue]
     return [
         model.decode(features, views, reference)  # pyright: ignore[reportCallIssue]
