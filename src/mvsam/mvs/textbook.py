@@ -1,0 +1,62 @@
+"""The cascade as published code computes it: the yardstick `mvsam bench` holds ours against."""
+
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from mvsam.geometry.camera import scale_intrinsics
+from mvsam.mvs.cascade import DepthCascade
+from mvsam.mvs.cost_volume import textbook_variance_volume
+from mvsam.types import DepthStage, Views
+
+
+class TextbookCascade(nn.Module):
+    """The same weights and outputs as a `DepthCascade`, computed plainly.
+
+    Every view is warped into a volume of its own by `grid_sample`, tensors keep their default
+    layout, batch norm stays a layer, and softmax, expectation and confidence are passes of their
+    own over the volume. It shares the regularizers of the cascade it is made from.
+    """
+
+    def __init__(self, cascade: DepthCascade):
+        super().__init__()
+        self.regularizers = cascade.regularizers
+        self.hypotheses = cascade.hypotheses
+
+    def forward(
+        self, pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]], views: Views
+    ) -> list[DepthStage]:
+        """One `DepthStage` for each level of the pyramid, coarse to fine."""
+        stages: list[DepthStage] = []
+        for index, features in enumerate(pyramid):
+            height, width = features.shape[-2:]
+            hypotheses = self.hypotheses(index, stages, (height, width), views).contiguous()
+            intrinsics = scale_intrinsics(
+                views.intrinsics, width / views.width, height / views.height
+            )
+            volume = textbook_variance_volume(
+                features.contiguous(), intrinsics, views.world_from_cam, hypotheses
+            )
+            stages.append(textbook_regress(self.regularizers[index](volume), hypotheses))
+        return stages
+
+
+def textbook_regress(
+    scores: Float[Tensor, "batch plane height width"],
+    hypotheses: Float[Tensor, "batch plane height width"],
+) -> DepthStage:
+    """The specification of `cascade.regress`: Eq. 3, and CasMVSNet's four-plane confidence."""
+    num_planes = scores.shape[1]
+    probability = torch.softmax(scores.float(), dim=1)
+    depth = (probability * hypotheses).sum(dim=1)
+    with torch.no_grad():
+        planes = torch.arange(num_planes, device=scores.device, dtype=probability.dtype)
+        expected = (probability * planes[:, None, None]).sum(dim=1).long()
+        padded = F.pad(probability[:, None], (0, 0, 0, 0, 1, 2))
+        mass = 4 * F.avg_pool3d(padded, (4, 1, 1), stride=1)[:, 0]
+        nearest = expected.clamp(0, num_planes - 1)
+        confidence = mass.gather(1, nearest[:, None])[:, 0]
+    return DepthStage(hypotheses, probability, depth, confidence)
