@@ -12,11 +12,12 @@ import mvsam
 PACKAGE = Path(mvsam.__file__).parent  # pyright: ignore[reportArgumentType]
 
 NETWORK = {"encoders", "mvs", "segmentation"}
-BASE = {"types", "errors", "files", "precision", "provenance"}
+BASE = {"types", "errors", "files", "memory", "precision", "provenance"}
 MODELS = BASE | {"geometry", "model", "build", "weights"}
 ALLOWED: dict[str, set[str]] = {
     "types": set(),
     "errors": set(),
+    "memory": set(),
     "precision": set(),
     "provenance": set(),
     "files": {"errors"},

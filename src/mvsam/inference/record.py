@@ -11,6 +11,7 @@ import torch
 from torch import nn
 
 from mvsam.errors import InputError
+from mvsam.memory import peak_memory
 from mvsam.provenance import versions
 from mvsam.types import Frame
 
@@ -99,11 +100,7 @@ def device_name(model: nn.Module) -> str:
 
 def peak_memory_mb() -> dict[str, float]:
     """Most memory this process had so far: "ram", and "gpu" where one was used."""
-    import resource  # not on every system, and needed nowhere else
-
-    # Linux counts in KiB, macOS in bytes.
-    unit = 2**20 if platform.system() == "Darwin" else 2**10
-    peak = {"ram": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6, 1)}
+    peak = {"ram": round(peak_memory("cpu") / 1e6, 1)}
     if torch.cuda.is_available():
-        peak["gpu"] = round(torch.cuda.max_memory_allocated() / 1e6, 1)
+        peak["gpu"] = round(peak_memory("cuda") / 1e6, 1)
     return peak
