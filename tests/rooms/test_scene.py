@@ -15,8 +15,8 @@ WIDTH, HEIGHT = 80, 64
 FIXED = {
     "kind": "bedroom",
     "triangles": 7078,
-    "position": [0.792640981721864, 3.578440954306952, 1.4985555210709092],
-    "mean": 162.915,
+    "position": [1.5007896137110222, 3.2561158800005936, 1.5097919505748467],
+    "mean": 163.639,
 }
 """Of scene val/0000 at this size with three frames; the image mean in 8-bit levels."""
 
@@ -150,12 +150,15 @@ def test_cameras_keep_their_distance_and_stay_inside(scenes):
             assert np.percentile(scene.room.nearest(origins, directions), 2) > 0.9 * CLEARANCE
 
 
-def test_neighbouring_views_are_five_to_twenty_centimetres_apart():
-    for index in range(4):
-        places = [c.world_from_cam[:3, 3] for c in rooms.scene("val", index, 5, 32, 24).cameras]
-        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-        # A crowded room may shorten the steps.
-        assert (steps > 0.02).all() and (steps < 0.2).all()
+def test_baselines_run_from_a_video_to_some_strides_and_wide_ones_turn_towards_the_same_thing():
+    baselines, turns = [], []
+    for index in range(24):
+        poses = [c.world_from_cam for c in rooms.scene("val", index, 3, 32, 24).cameras]
+        for before, after in zip(poses, poses[1:], strict=False):
+            baselines.append(np.linalg.norm(after[:3, 3] - before[:3, 3]))
+            turns.append(np.degrees(np.arccos(before[:3, 2] @ after[:3, 2])))
+    assert 0.02 < min(baselines) < 0.07 and 0.3 < max(baselines) < 0.9
+    assert max(turns) > 5 and max(turns) < 35
 
 
 def test_poses_are_rotations_with_the_sky_above(scenes):

@@ -10,14 +10,20 @@ from mvsam.errors import InputError
 from mvsam.types import Scene
 
 
-def open_data(name: str, format: str | None = None, room_frames: int = 5) -> Sequence[Scene]:
+def open_data(
+    name: str,
+    format: str | None = None,
+    room_frames: int = 5,
+    room_size: tuple[int, int] = (320, 256),
+) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
     The end of a part is left out, as in Python's slices. A path is a scene, or a folder of scene
-    folders, which come sorted by name. `room_frames` is the number of frames of each room.
+    folders, which come sorted by name. `room_frames` is the number of frames of each room,
+    `room_size` their (width, height).
     """
     if name.startswith("rooms:"):
-        return _open_rooms(name, room_frames)
+        return _open_rooms(name, room_frames, room_size)
     path = Path(name)
     if format is None and path.is_dir() and (folders := scene_folders(path)):
         return [open_scene(folder) for folder in folders]
@@ -34,8 +40,15 @@ def scene_folders(path: Path) -> list[Path]:
 class RoomScenes(Sequence[Scene]):
     """Procedural rooms `first` .. `end` - 1 of a split, each built when it is asked for."""
 
-    def __init__(self, split: str, first: int, end: int, num_frames: int = 5):
-        self.split, self.num_frames = split, num_frames
+    def __init__(
+        self,
+        split: str,
+        first: int,
+        end: int,
+        num_frames: int = 5,
+        size: tuple[int, int] = (320, 256),
+    ):
+        self.split, self.num_frames, self.size = split, num_frames, size
         self._indices = range(first, end)
 
     def __len__(self) -> int:
@@ -44,17 +57,17 @@ class RoomScenes(Sequence[Scene]):
     def __getitem__(self, position):
         if isinstance(position, slice):
             return [self[index] for index in range(*position.indices(len(self)))]
-        return _room(self.split, self._indices[position], self.num_frames)
+        return _room(self.split, self._indices[position], self.num_frames, self.size)
 
 
 @lru_cache(maxsize=4)  # tuples of one room are usually read one after the other
-def _room(split: str, index: int, num_frames: int) -> Scene:
+def _room(split: str, index: int, num_frames: int, size: tuple[int, int]) -> Scene:
     from mvsam import rooms  # needs the extra `rooms`, which reading folders does not
 
-    return rooms.scene(split, index, num_frames)
+    return rooms.scene(split, index, num_frames, *size)
 
 
-def _open_rooms(name: str, num_frames: int) -> RoomScenes:
+def _open_rooms(name: str, num_frames: int, size: tuple[int, int]) -> RoomScenes:
     from mvsam import rooms
 
     match = re.fullmatch(r"rooms:(\w+)(?::(\d+)-(\d+))?", name)
@@ -67,10 +80,10 @@ def _open_rooms(name: str, num_frames: int) -> RoomScenes:
     if match[2] is None:
         if count is None:
             raise InputError(f"{name}: this split has no end; name a part, as {name}:0-100.")
-        return RoomScenes(split, 0, count, num_frames)
+        return RoomScenes(split, 0, count, num_frames, size)
     first, end = int(match[2]), int(match[3])
     if first >= end:
         raise InputError(f"{name}: the part is empty; its end must be larger than its first.")
     if count is not None and end > count:
         raise InputError(f"{name}: this split has {count} scenes; end at {count} or before.")
-    return RoomScenes(split, first, end, num_frames)
+    return RoomScenes(split, first, end, num_frames, size)

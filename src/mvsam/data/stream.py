@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from torch.utils.data import Dataset, Sampler
 
+from mvsam.data.augment import jitter_colors, mirrored
 from mvsam.data.cache import cached_scene
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import collate, make_targets, make_views
@@ -34,9 +35,13 @@ class DataConfig:
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres."""
     room_frames: int = 5
-    """Frames rendered of each procedural room to train on; at least `num_views`."""
+    """Frames rendered of each procedural room to train on, at `size`; at least `num_views`."""
     cache: str | None = None
     """Folder for rendered rooms (about 0.5 MB a frame); none: render anew every time."""
+    mirror: bool = False
+    """Show every other sample, drawn at random, as in a mirror (all its views, exact cameras)."""
+    color_jitter: float = 0.0
+    """Spread of the exposure, colour and contrast drawn anew for each view (0.2 is moderate)."""
     workers: int = 1
     """Processes that load or render data, for each training process."""
 
@@ -50,7 +55,9 @@ class SampleStream(Dataset[TrainingSample]):
 
     def __init__(self, config: DataConfig, seed: int):
         self.config, self.seed = config, seed
-        self.scenes: Sequence[Scene] = open_data(config.train, room_frames=config.room_frames)
+        self.scenes: Sequence[Scene] = open_data(
+            config.train, room_frames=config.room_frames, room_size=config.size
+        )
         self._tuples: dict[int, list[tuple[int, ...]]] = {}
 
     def __getitem__(self, n: int) -> TrainingSample:
@@ -58,9 +65,14 @@ class SampleStream(Dataset[TrainingSample]):
         index = int(_permutation(self.seed, epoch, len(self.scenes))[position])
         scene, config = self._scene(index), self.config
         tuples = self._full_tuples(index, scene)
-        chosen = tuples[np.random.default_rng((self.seed, n)).integers(len(tuples))]
-        frames = [scene.frame(index) for index in chosen]
+        dice = np.random.default_rng((self.seed, n))
+        frames = [scene.frame(index) for index in tuples[dice.integers(len(tuples))]]
+        if config.mirror and dice.random() < 0.5:
+            frames = [mirrored(frame) for frame in frames]
         views = make_views(frames, config.size, config.depth_range)
+        if config.color_jitter:
+            images = jitter_colors(views.images[0], config.color_jitter, dice)
+            views = replace(views, images=images[None])
         if config.references > 1:  # measured depth belongs to view 0 alone
             views = replace(views, measured_depth=None)
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
@@ -91,7 +103,8 @@ def _room_cache(config: DataConfig) -> Path | None:
         return None
     from mvsam import rooms  # needs the extra `rooms`
 
-    return Path(config.cache) / f"v{rooms.VERSION}-{config.room_frames}frames"
+    width, height = config.size
+    return Path(config.cache) / f"v{rooms.VERSION}-{width}x{height}-{config.room_frames}frames"
 
 
 @lru_cache(maxsize=2)

@@ -16,8 +16,11 @@ CLEARANCE = 0.4
 
 
 def intrinsics(dice: Dice, width: int, height: int) -> Float[np.ndarray, "3 3"]:
-    """A ScanNet-like colour camera, 640 x 480, squeezed to the wanted size."""
-    focal = 577.9 * dice.uniform(0.9, 1.1)
+    """A colour camera of a depth sensor, 640 x 480, squeezed to the wanted size.
+
+    From ICL-NUIM's wide 480 over Kinects and ScanNet's 578 to a phone's 690 pixels.
+    """
+    focal = 577.9 * dice.uniform(0.82, 1.2)
     centre_x, centre_y = 320 + dice.uniform(-6, 6), 240 + dice.uniform(-6, 6)
     squeeze_x, squeeze_y = width / 640, height / 480
     return np.array(
@@ -56,13 +59,14 @@ def _sphere(count: int = 66) -> np.ndarray:
 
 
 def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int) -> list[Camera]:
-    """Poses of neighbouring views: 5-20 cm apart, turning a little, never near a surface."""
+    """Poses of neighbouring views: 2-60 cm apart, turning a little, never near a surface."""
     lens = intrinsics(dice, width, height)
     best, best_score = None, -np.inf
     wanted = _rare_point(room, dice) if dice.chance(0.85) else None
+    pace = _pace(dice)
     for attempt in range(_ATTEMPTS):
         crowded = attempt > 80
-        target, scale = (None, 0.4) if crowded else (wanted, 1.0)
+        target, scale = (None, 0.4) if crowded else (wanted, max(pace * 0.996**attempt, 0.4))
         poses = _wander(room, dice, num_frames, target, scale)
         if poses is None:
             continue
@@ -73,6 +77,11 @@ def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int
             break
     assert best is not None, "no free place for the camera in this room"
     return [Camera(lens, pose, width, height) for pose in best]
+
+
+def _pace(dice: Dice) -> float:
+    """How far apart the frames are, times 6-13 cm: often a video's, else up to some strides."""
+    return 1.0 if dice.chance(0.3) else 0.4 * 16.0 ** dice.uniform(0, 1)
 
 
 def _rare_point(room: Room, dice: Dice) -> np.ndarray:
@@ -90,6 +99,7 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number):
     """Poses of one short path, or None if it comes too near to something."""
     start = _stand(room, dice)
     yaw, pitch, roll = dice.uniform(0, 360), dice.uniform(-32, 3), dice.uniform(-4, 4)
+    distance = 2.0
     if wanted is not None:
         away = wanted - start
         distance = float(np.hypot(away[0], away[1]))
@@ -102,17 +112,28 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number):
     direction = np.array([np.cos(heading), np.sin(heading), dice.uniform(-0.3, 0.3)])
     direction *= scale / np.linalg.norm(direction)
     turn = dice.uniform(-4, 4)
+    pivot = start + distance * look(start, yaw, pitch, 0)[:3, 2]
+    attention = dice.uniform(0.3, 1)  # 0: looks straight on while walking, 1: at the same thing
     positions, angles = [start], [(yaw, pitch, roll)]
     for _ in range(num_frames - 1):
-        positions.append(positions[-1] + direction * dice.uniform(0.06, 0.13))
-        yaw += turn + dice.uniform(-2, 2)
-        pitch = float(np.clip(pitch + dice.uniform(-2, 2), -38, 8))
+        position = positions[-1] + direction * dice.uniform(0.06, 0.13)
+        turned, tilted = _bearing(pivot - position) - _bearing(pivot - positions[-1])
+        turned = (turned + 180) % 360 - 180
+        yaw += attention * turned + turn + dice.uniform(-2, 2)
+        pitch = float(np.clip(pitch + attention * tilted + dice.uniform(-2, 2), -38, 8))
+        positions.append(position)
         roll += dice.uniform(-1, 1)
         angles.append((yaw, pitch, roll))
     places = np.array(positions)
     if not room.contains(places).all() or (clearance(room, places) < CLEARANCE).any():
         return None
     return [look(p, *a) for p, a in zip(positions, angles, strict=True)]
+
+
+def _bearing(offset: np.ndarray) -> np.ndarray:
+    """(yaw, pitch) towards an offset, degrees."""
+    level = np.hypot(offset[0], offset[1])
+    return np.degrees([np.arctan2(offset[1], offset[0]), np.arctan2(offset[2], level)])
 
 
 def _stand(room: Room, dice: Dice) -> np.ndarray:

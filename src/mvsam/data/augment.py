@@ -1,0 +1,57 @@
+"""Training views that differ from the recorded ones, with cameras that still fit them."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mvsam.types import Frame
+
+_MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
+
+
+def mirrored(frame: Frame) -> Frame:
+    """The frame as seen in a mirror world: left and right swapped, geometry exact.
+
+    With S = diag(-1, 1, 1, 1) the world becomes S X and the camera S T S, which is rigid again.
+    Mirror all views of a tuple or none.
+    """
+    intrinsics = frame.intrinsics.copy()
+    intrinsics[0, 2] = frame.size[0] - intrinsics[0, 2]
+    load_depth, load_labels = frame.load_depth, frame.load_labels
+    return replace(
+        frame,
+        intrinsics=intrinsics,
+        world_from_cam=_MIRROR @ frame.world_from_cam @ _MIRROR,
+        load_image=lambda: _flipped(frame.load_image()),
+        load_depth=None if load_depth is None else lambda: _flipped(load_depth()),
+        load_labels=None if load_labels is None else lambda: _flipped(load_labels()),
+    )
+
+
+def _flipped(pixels: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(pixels[:, ::-1])
+
+
+def jitter_colors(
+    images: Float[Tensor, "view 3 height width"], strength: float, dice: np.random.Generator
+) -> Float[Tensor, "view 3 height width"]:
+    """Another exposure, white balance, contrast and gamma for each view; RGB in [0, 1].
+
+    strength: standard deviation of the logarithm of the gain; 0 changes nothing. Half of it is
+    shared by the views, as light is; the rest is each view's own, as automatic exposure is.
+    """
+    count = len(images)
+
+    def spread(scale: float, *shape: int) -> Tensor:
+        shared, own = dice.standard_normal((1, *shape)), dice.standard_normal((count, *shape))
+        return torch.from_numpy(strength * scale * (shared + own) / 2**0.5).float()
+
+    gain = torch.exp(spread(1.0, 1, 1, 1) + spread(0.3, 3, 1, 1))
+    gamma = torch.exp(spread(0.7, 1, 1, 1))
+    contrast = torch.exp(spread(0.7, 1, 1, 1))
+    curved = (images * gain).clamp(0, 1) ** gamma
+    middle = curved.mean(dim=(1, 2, 3), keepdim=True)
+    return (middle + contrast * (curved - middle)).clamp(0, 1)

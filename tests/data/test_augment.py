@@ -1,0 +1,73 @@
+"""Augmented views: cameras still fit the pictures."""
+
+import numpy as np
+import torch
+
+from mvsam.data.augment import jitter_colors, mirrored
+from mvsam.types import Frame
+
+
+def project(points: np.ndarray, intrinsics: np.ndarray, world_from_cam: np.ndarray):
+    """(pixels, depths) of world points."""
+    local = (points - world_from_cam[:3, 3]) @ world_from_cam[:3, :3]
+    pixels = local @ intrinsics.T
+    return pixels[:, :2] / pixels[:, 2:], local[:, 2]
+
+
+def make_frame(size=(6, 4)) -> Frame:
+    width, height = size
+    turn = np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, (0.3, -0.2, 1.0)
+    image = np.arange(width * height * 3, dtype=np.uint8).reshape(height, width, 3)
+    return Frame(
+        name="a",
+        size=size,
+        intrinsics=np.array([[5.0, 0, 2.2], [0, 5.5, 1.9], [0, 0, 1]]),
+        world_from_cam=pose,
+        load_image=lambda: image,
+        load_depth=lambda: image[..., 0].astype(np.float32),
+    )
+
+
+def test_a_mirrored_camera_sees_the_mirrored_world_at_the_mirrored_place():
+    frame = make_frame()
+    other = mirrored(frame)
+    points = np.random.default_rng(0).normal((0, 0, 6), 1, size=(20, 3))
+    here, depth_here = project(points, frame.intrinsics, frame.world_from_cam)
+    there, depth_there = project(points * (-1, 1, 1), other.intrinsics, other.world_from_cam)
+    np.testing.assert_allclose(there[:, 0], frame.size[0] - here[:, 0])
+    np.testing.assert_allclose(there[:, 1], here[:, 1])
+    np.testing.assert_allclose(depth_there, depth_here)
+    np.testing.assert_allclose(np.linalg.det(other.world_from_cam[:3, :3]), 1)
+
+
+def test_mirrored_pixels_swap_left_and_right():
+    frame = make_frame()
+    other = mirrored(frame)
+    np.testing.assert_array_equal(other.image[:, 0], frame.image[:, -1])
+    assert other.depth is not None and frame.depth is not None
+    np.testing.assert_array_equal(other.depth[:, 0], frame.depth[:, -1])
+    assert other.labels is None
+
+
+def test_mirroring_twice_is_the_frame_itself():
+    frame = make_frame()
+    again = mirrored(mirrored(frame))
+    np.testing.assert_allclose(again.world_from_cam, frame.world_from_cam)
+    np.testing.assert_allclose(again.intrinsics, frame.intrinsics)
+    np.testing.assert_array_equal(again.image, frame.image)
+
+
+def test_jitter_differs_between_views_and_repeats_with_its_dice():
+    images = torch.rand(1, 3, 8, 8).expand(3, -1, -1, -1)
+    first = jitter_colors(images, 0.2, np.random.default_rng(5))
+    second = jitter_colors(images, 0.2, np.random.default_rng(5))
+    torch.testing.assert_close(first, second, rtol=0, atol=0)
+    assert (first[0] - first[1]).abs().mean() > 0.01
+    assert first.min() >= 0 and first.max() <= 1
+
+
+def test_no_jitter_changes_nothing():
+    images = torch.rand(2, 3, 5, 5)
+    torch.testing.assert_close(jitter_colors(images, 0.0, np.random.default_rng(0)), images)
