@@ -19,7 +19,13 @@ def has_native_bfloat16(device: str) -> bool:
     return torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
 
 
+def resolve(precision: Precision, device: str) -> Literal["float32", "bfloat16"]:
+    """What the name means on `device`."""
+    if precision == "auto":
+        return "bfloat16" if has_native_bfloat16(device) else "float32"
+    return precision
+
+
 def autocast(device: str, precision: Precision = "auto") -> AbstractContextManager:
     """Runs a model in this precision; weights, geometry and softmax stay in float32."""
-    use_bfloat16 = precision == "bfloat16" or (precision == "auto" and has_native_bfloat16(device))
-    return torch.autocast(device, torch.bfloat16, enabled=use_bfloat16)
+    return torch.autocast(device, torch.bfloat16, enabled=resolve(precision, device) == "bfloat16")
