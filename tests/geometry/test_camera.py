@@ -1,7 +1,12 @@
 import numpy as np
 import torch
 
-from mvsam.geometry.camera import backproject, pixel_centres, scale_intrinsics
+from mvsam.geometry.camera import (
+    backproject,
+    invert_intrinsics,
+    pixel_centres,
+    scale_intrinsics,
+)
 from tests.reference.plane_sweep import project
 from tests.small import random_views
 
@@ -31,3 +36,10 @@ def test_backprojected_points_project_onto_their_own_pixels_with_their_depth():
     torch.testing.assert_close(points[..., 2], depth)
     image_points = torch.einsum("bij,bhwj->bhwi", intrinsics, points)
     torch.testing.assert_close(image_points / depth[..., None], pixel_centres(4, 6)[None])
+
+
+def test_inverse_intrinsics_undo_any_calibration():
+    skewed = torch.tensor([[290.0, 3.0, 160.0], [0.0, 310.0, 128.0], [0.0, 0.0, 1.0]])
+    intrinsics = torch.stack([skewed, torch.diag(torch.tensor([2.0, 4.0, 1.0]))]).double()
+    product = invert_intrinsics(intrinsics) @ intrinsics
+    torch.testing.assert_close(product, torch.eye(3).double().expand(2, 3, 3))

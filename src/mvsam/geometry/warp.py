@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from mvsam.geometry.camera import pixel_centres
+from mvsam.geometry.camera import invert_intrinsics, pixel_centres
 from mvsam.geometry.pose import invert
 
 MINIMUM_Z = 1e-6
@@ -26,7 +26,7 @@ def source_from_reference_pixels(
     intrinsics, world_from_cam = intrinsics.double(), world_from_cam.double()
     source_from_reference = invert(world_from_cam[:, source]) @ world_from_cam[:, reference]
     rotation, translation = source_from_reference[:, :3, :3], source_from_reference[:, :3, 3]
-    linear = intrinsics[:, source] @ rotation @ torch.linalg.inv(intrinsics[:, reference])
+    linear = intrinsics[:, source] @ rotation @ invert_intrinsics(intrinsics[:, reference])
     offset = (intrinsics[:, source] @ translation[:, :, None])[:, :, 0]
     return linear, offset
 
