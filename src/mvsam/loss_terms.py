@@ -3,6 +3,7 @@
 A loss is a frozen dataclass whose fields are its weights. It lies beside the method it belongs to.
 """
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import torch.nn.functional as F
@@ -37,16 +38,24 @@ def is_depth_known(
 
 
 def depth_at(
-    depth: Float[Tensor, "batch _height _width"], size: tuple[int, int]
+    depth: Float[Tensor, "batch _height _width"], size: Sequence[int]
 ) -> Float[Tensor, "batch height width"]:
     """True depth at another (height, width), by the nearest pixel: depths must not mix."""
-    return F.interpolate(depth[:, None], size, mode="nearest-exact")[:, 0]
+    return F.interpolate(depth[:, None], tuple(size), mode="nearest-exact")[:, 0]
 
 
 def cross_entropy(
     logits: Float[Tensor, "batch num_classes height width"],
     labels: Int[Tensor, "batch height width"],
+    class_weights: Sequence[float] | None = None,
 ) -> Float[Tensor, ""]:
-    """Unweighted, mean over labelled pixels; 0 where there are none."""
-    errors = F.cross_entropy(logits.float(), labels.long(), ignore_index=IGNORE, reduction="none")
-    return masked_mean(errors, labels != IGNORE)
+    """Mean over labelled pixels, each counted with the weight of its class; 0 if there are none."""
+    labels = labels.long()
+    errors = F.cross_entropy(logits.float(), labels, ignore_index=IGNORE, reduction="none")
+    labelled = labels != IGNORE
+    if class_weights is None:
+        return masked_mean(errors, labelled)
+    if len(class_weights) != logits.shape[1]:
+        raise ValueError(f"{len(class_weights)} class weights for {logits.shape[1]} classes")
+    weights = errors.new_tensor(class_weights)[labels.where(labelled, 0)] * labelled
+    return (weights * errors).sum() / weights.sum().clamp(min=1e-6)

@@ -90,6 +90,18 @@ def test_labels_that_are_all_ignored_give_zero_loss_and_zero_gradient():
     assert loss.item() == 0 and logits.grad is not None and logits.grad.eq(0).all()
 
 
+def test_class_weights_count_pixels_as_a_weighted_mean_does():
+    logits, weights = torch.randn(2, 3, 4, 5), (0.2, 1.0, 3.0)
+    labels = torch.randint(0, 3, (2, 4, 5))
+    labels[0, 0] = IGNORE
+    expected = torch.nn.functional.cross_entropy(
+        logits, labels, torch.tensor(weights), ignore_index=IGNORE
+    )
+    torch.testing.assert_close(cross_entropy(logits, labels, weights), expected)
+    with pytest.raises(ValueError, match="2 class weights for 3 classes"):
+        cross_entropy(logits, labels, (1.0, 2.0))
+
+
 def test_eq_4_is_segmentation_plus_alpha_times_depth():
     target = Targets(torch.full((1, 4, 4), 2.0), torch.randint(3, (1, 4, 4)))
     prediction = Prediction(logits=torch.randn(1, 3, 4, 4), stages=[stage(target.depth + 0.3)])

@@ -22,19 +22,20 @@ class JointLoss:
     """Metres; where smooth L1 turns from square to straight (Sec. 4.1: 2 cm)."""
     stage_weights: tuple[float, ...] = (0.5, 1.0, 2.0)
     """Coarse to fine. The paper is silent; these are CasMVSNet's."""
+    class_weights: tuple[float, ...] | None = None
+    """Weight of each class in the cross entropy; none: all alike, as the paper mentions none."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]
     ) -> dict[str, Float[Tensor, ""]]:
-        """`loss` and its parts `depth` and `segmentation`, those the model has.
-
-        The paper mentions no class weights in the cross entropy.
-        """
+        """`loss` and its parts `depth` and `segmentation`, those the model has."""
         parts: dict[str, Tensor] = {}
         if prediction.stages:
             parts["depth"] = self.depth(prediction.stages, targets.depth, depth_range)
         if prediction.logits is not None:
-            parts["segmentation"] = cross_entropy(prediction.logits, targets.labels)
+            parts["segmentation"] = cross_entropy(
+                prediction.logits, targets.labels, self.class_weights
+            )
         if not parts:
             raise ValueError("the prediction has neither depth stages nor logits to train on")
         weights = {"depth": self.alpha, "segmentation": 1.0}
@@ -53,7 +54,7 @@ class JointLoss:
         """
         total = depth.new_zeros(())
         for stage, weight in zip(stages, self.stage_weights, strict=True):
-            target = depth_at(depth, tuple(stage.depth.shape[-2:]))
+            target = depth_at(depth, stage.depth.shape[-2:])
             error = F.smooth_l1_loss(stage.depth, target, beta=self.beta, reduction="none")
             total = total + weight * masked_mean(error, is_depth_known(target, depth_range))
         return total
