@@ -1,48 +1,146 @@
-import pytest
+"""The benchmark measures what it says it does; how fast that was is not a test."""
 
-from mvsam.apps.bench import BoxClock, Case, every_reference, run_case, synthetic_views
+from dataclasses import replace
+from unittest import mock
+
+import pytest
+import torch
+
+from mvsam.apps.bench import forms
+from mvsam.apps.bench.cases import Case, check_case, synthetic_targets, synthetic_views
+from mvsam.apps.bench.clock import StageClock
+from mvsam.apps.bench.forms import FORMS, our_model, repeat_all, share_features, textbook_model
+from mvsam.apps.bench.measure import Measurement, measure, run_case
+from mvsam.apps.bench.report import ratios, tables
 from mvsam.build import MODELS
+from mvsam.commands.bench import Bench
+from mvsam.errors import InputError
 from tests.small import small_model
 
-SMALL = Case("cas_mvsnet", "float32", width=64, height=64, repeats=1)
+SMALL = Case("cas_mvsnet", width=64, height=64, repeats=1)
+
+
+@pytest.fixture
+def small_models(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(forms, "build", small_model)
 
 
 def test_a_case_in_a_process_of_its_own_reports_every_box_and_its_memory():
     measured = run_case(SMALL)
     assert measured.case == SMALL
-    assert set(measured.stages) == {"geometry_encoder", "cascade"}
-    assert 0 < sum(measured.stages.values()) <= measured.seconds
-    assert measured.peak_mib >= measured.libraries_mib > 50
+    regularizers = {f"cascade.regularizers.{stage}" for stage in range(3)}
+    assert set(measured.stages) == {"geometry_encoder", "cascade"} | regularizers
+    boxes = measured.stages["geometry_encoder"] + measured.stages["cascade"]
+    assert 0 < boxes <= measured.seconds
+    assert sum(measured.stages[name] for name in regularizers) < measured.stages["cascade"]
+    # 934,304 parameters of four bytes and the statistics of the batch norms.
+    assert 3.56 < measured.weights_mib < 3.6
+    assert 0 < measured.working_mib <= measured.working_mib_all_references
+    assert measured.libraries_mib > 50
 
 
-def test_all_references_share_one_pass_of_the_encoders():
-    model, calls = small_model("tiny").eval(), {"semantic_encoder": 0, "bridge": 0, "cascade": 0}
+def test_a_training_step_moves_the_weights_and_is_timed_in_three_phases(small_models):
+    case = replace(SMALL, work="train")
+    moved = []
+
+    def prepare(name: str, work: str):
+        moved.append(our_model(name, "train"))
+        return moved[0]
+
+    with mock.patch.dict(FORMS, {"ours": replace(FORMS["ours"], prepare=prepare)}):
+        measured = measure(case)
+    assert set(measured.stages) == {"forward", "backward", "optimizer"}
+    before = dict(small_model("cas_mvsnet").named_parameters())
+    assert all((p != before[name]).any() for name, p in moved[0].named_parameters())
+
+
+def test_both_forms_predict_the_same(small_models):
+    case = replace(SMALL, model="tiny")
+    torch.manual_seed(0)
+    views = synthetic_views(case)
+    ours, textbook = our_model("tiny", "predict"), textbook_model("tiny", "predict")
+    with torch.inference_mode():
+        mine, theirs = share_features(ours, views), repeat_all(textbook, views)
+    assert len(mine) == len(theirs) == 3
+    for a, b in zip(mine, theirs, strict=True):
+        # Random weights: logits of a few tenths, depths in metres.
+        torch.testing.assert_close(a.depth, b.depth, atol=5e-3, rtol=0)
+        torch.testing.assert_close(a.logits, b.logits, atol=5e-3, rtol=0)
+
+
+@pytest.mark.parametrize(("form", "encoded"), [("ours", 1), ("textbook", 4)])
+def test_only_the_textbook_form_encodes_the_views_for_every_reference(
+    form, encoded: int, small_models
+):
+    model, calls = FORMS[form].prepare("tiny", "predict"), {"semantic_encoder": 0, "cascade": 0}
     for box in calls:
 
         def count(*_, box=box):
             calls[box] += 1
 
         getattr(model, box).register_forward_hook(count)
-    views = synthetic_views(Case("tiny", "float32", num_views=4, width=64, height=64))
-    every_reference(model, views)
-    assert calls == {"semantic_encoder": 1, "bridge": 1, "cascade": 4}
+    FORMS[form].every_reference(model, synthetic_views(replace(SMALL, num_views=4)))
+    assert calls == {"semantic_encoder": encoded, "cascade": 4}
 
 
-def test_the_clock_counts_each_box_once_a_call():
-    model = small_model("tiny").eval()
-    clock = BoxClock(model)
-    model(synthetic_views(Case("tiny", "float32", width=64, height=64)))
-    assert set(clock.seconds) == {
-        "semantic_encoder",
-        "geometry_encoder",
-        "bridge",
-        "cascade",
-        "prompt",
-        "decoder",
-    }
+def test_the_clock_adds_up_what_runs_inside_a_stage(monkeypatch: pytest.MonkeyPatch):
+    ticks = iter([10.0, 13.0, 20.0, 21.0])
+    clock = StageClock("cpu")
+    monkeypatch.setattr(clock, "now", lambda: next(ticks))
+    model = torch.nn.Sequential(torch.nn.Identity())
+    clock.watch(model, ["0", "absent"])
+    with torch.inference_mode():
+        model(torch.zeros(1))
+    with clock.stage("0"):
+        pass
+    assert clock.seconds == {"0": 4.0}
+
+
+def fake(form, precision, seconds: float, working: float = 100.0) -> Measurement:
+    case = Case("tiny", form, precision=precision)
+    stages = {"cascade": seconds / 2, "cascade.regularizers.0": seconds / 4}
+    return Measurement(case, seconds, 3 * seconds, stages, working, 2 * working, 4.0, 300.0)
+
+
+def test_ratios_hold_ours_against_the_textbook_in_equal_precision_and_in_float32():
+    measured = [
+        fake("ours", "bfloat16", 0.5),
+        fake("textbook", "bfloat16", 1.5, working=250.0),
+        fake("textbook", "float32", 4.0, working=400.0),
+    ]
+    found = {ratio.against: ratio for ratio in ratios(measured)}
+    assert set(found) == {"bfloat16", "float32"}
+    assert found["bfloat16"].seconds == 3 and found["float32"].seconds_all_references == 8
+    assert found["bfloat16"].working_memory == 2.5
+    assert found["float32"].stages["regularizers"] == 8
+    (table,) = tables(measured)
+    assert table.row_count == 5
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"models": ("tinny",)}, "Did you mean 'tiny'"),
+        ({"width": 300}, "divisible by 32"),
+        ({"views": 0}, "must be 1 or more"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_before_minutes_are_spent(options, said: str):
+    with pytest.raises(InputError, match=said):
+        Bench(device="cpu", **options).run()
+
+
+def test_the_same_precision_is_not_measured_twice():
+    with mock.patch("mvsam.precision.has_native_bfloat16", return_value=False):
+        cases = Bench(device="cpu").cases()
+    assert {case.precision for case in cases} == {"float32"}
+    assert len(cases) == len(set(cases)) == 8
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_views_bring_measured_depth_where_the_model_reads_it(name: str):
-    views = synthetic_views(Case(name, "float32", width=64, height=64))
+    case = replace(SMALL, model=name)
+    check_case(case)
+    views, targets = synthetic_views(case), synthetic_targets(case)
     assert (views.measured_depth is not None) == ("measured depth" in MODELS[name].inputs)
+    assert targets.depth.shape == (1, 64, 64)

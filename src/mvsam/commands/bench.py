@@ -3,29 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from mvsam.commands.shared import Json, print_json, print_table, progress_bar
+from mvsam.commands.shared import Device, Json, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
-    from mvsam.apps.bench import Measurement
+    from mvsam.apps.bench.cases import Case
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Seconds for each box of the network, and peak memory, on this machine.
+    """Seconds for each box of the network, and memory, beside the textbook forms of the same.
 
-    Weights are random: speed does not depend on them. Every case has a process of its own.
-    "all" is every view as reference in turn, with features computed once.
+    Textbook is how published code runs the same weights: every view warped into a volume of its
+    own, default layout, batch norm as a layer, every reference encoding all views anew. Rows
+    "against" say how many times as much it takes. "MiB" is the peak beyond libraries and weights;
+    a training step is forward, backward and AdamW on a batch of one. Weights are random: speed does
+    not depend on them. Every case has a process of its own.
 
     Example: mvsam bench --models tiny cas_mvsnet --views 3
     """
 
-    models: tuple[str, ...] = ("tiny", "cas_mvsnet", "base")
+    models: tuple[str, ...] = ("tiny", "cas_mvsnet")
     """Names of mvsam models."""
-    precisions: tuple[str, ...] = ("float32", "bfloat16")
-    """float32, bfloat16."""
+    work: tuple[Literal["predict", "train"], ...] = ("predict", "train")
+    """Predictions, training steps."""
+    forms: tuple[Literal["ours", "textbook"], ...] = ("ours", "textbook")
+    """As the product runs, as published code runs."""
+    precisions: tuple[Literal["auto", "float32", "bfloat16"], ...] = ("float32", "auto")
+    """auto: bfloat16 where the device multiplies it natively, else float32."""
     views: int = 3
     """Photos of a tuple."""
     width: int = 320
@@ -34,53 +42,49 @@ class Bench:
     """Pixels."""
     repeats: int = 3
     """The median of so many runs counts."""
+    device: Device = "auto"
+    """auto: a GPU where there is one."""
     out: Path | None = None
     """A JSON file to keep the figures in."""
     json: Json = False
 
     def run(self) -> None:
-        from mvsam.apps.bench import Case, machine_record, run_case
-        from mvsam.build import model_spec
-        from mvsam.errors import InputError
+        from mvsam.apps.bench.cases import check_case
+        from mvsam.apps.bench.machine import machine_record
+        from mvsam.apps.bench.measure import run_case
+        from mvsam.apps.bench.report import ratios, tables
         from mvsam.files import write_json
 
-        for model in self.models:
-            model_spec(model)  # names are checked before minutes are spent
-        if unknown := set(self.precisions) - {"float32", "bfloat16"}:
-            raise InputError(f"--precisions {unknown.pop()}: choose float32 or bfloat16.")
-        size = (self.views, self.width, self.height, self.repeats)
-        cases = [Case(m, p, *size) for m in self.models for p in self.precisions]
-        measured = []
+        cases = self.cases()
+        for case in cases:
+            check_case(case)
         with progress_bar() as progress:
-            for case in progress.track(cases, description="bench"):
-                measured.append(run_case(case))
-        report = {**machine_record(), "cases": [asdict(m) for m in measured]}
+            measured = [run_case(case) for case in progress.track(cases, description="bench")]
+        report = {
+            **machine_record(cases[0].device),
+            "cases": [asdict(m) for m in measured],
+            "ratios": [asdict(ratio) for ratio in ratios(measured)],
+        }
         if self.out:
             write_json(self.out, report)
         if self.json:
             print_json(report)
         else:
-            _print_measurements(measured)
+            for table in tables(measured):
+                print_table(table)
 
+    def cases(self) -> list[Case]:
+        """Every combination of the options."""
+        from mvsam.apps.bench.cases import Case
+        from mvsam.commands.shared import find_device
+        from mvsam.precision import resolve
 
-def _print_measurements(measured: list[Measurement]) -> None:
-    from rich.table import Table
-
-    from mvsam.apps.bench import BOXES
-
-    table = Table("model", "precision", title="seconds")
-    for title in (*BOXES, "one", "all", "all / one", "peak MiB", "of it libraries"):
-        table.add_column(title.replace("_encoder", "").replace("_", " "), justify="right")
-    for m in measured:
-        boxes = [f"{m.stages[box]:.3f}" if box in m.stages else "-" for box in BOXES]
-        table.add_row(
-            m.case.model,
-            m.case.precision,
-            *boxes,
-            f"{m.seconds:.2f}",
-            f"{m.seconds_all_references:.2f}",
-            f"{m.seconds_all_references / m.seconds:.2f}",
-            f"{m.peak_mib:.0f}",
-            f"{m.libraries_mib:.0f}",
-        )
-    print_table(table)
+        device = find_device(self.device)
+        precisions = dict.fromkeys(resolve(precision, device) for precision in self.precisions)
+        size = (self.views, self.width, self.height)
+        return [
+            Case(model, form, work, precision, *size, repeats=self.repeats, device=device)
+            for work, model, precision, form in product(
+                self.work, self.models, precisions, self.forms
+            )
+        ]

@@ -1,0 +1,70 @@
+"""The two ways to run the same weights: as the product does, and as published code does."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mvsam.apps.bench.cases import FormName, Work
+from mvsam.build import build
+from mvsam.model import MultiViewSAM
+from mvsam.mvs.textbook import TextbookCascade
+from mvsam.types import Model, Prediction, Views
+from mvsam.weights import layout_channels_last
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a model is made ready, and how it takes its views as reference in turn."""
+
+    prepare: Callable[[str, Work], Model]
+    every_reference: Callable[[Model, Views], list[Prediction]]
+
+
+def our_model(name: str, work: Work) -> Model:
+    """Random weights as `weights.load` leaves them for predictions and `mvsam train` for steps."""
+    model = layout_channels_last(build(name))
+    if work == "predict":
+        return model.eval()
+    write_attention_out(model)
+    return model.train()
+
+
+def textbook_model(name: str, work: Work) -> Model:
+    """The same weights in PyTorch's default layout, with a `TextbookCascade` and SAM's attention
+    as its authors wrote it."""
+    model = build(name)
+    assert isinstance(model, MultiViewSAM)
+    if model.cascade is not None:
+        model.cascade = TextbookCascade(model.cascade)
+    write_attention_out(model)
+    return model.train(work == "train")
+
+
+def write_attention_out(model: Model) -> None:
+    """No fused attention in the SAM encoder, if there is one."""
+    encoder = getattr(model, "semantic_encoder", None)
+    for block in encoder.backbone.blocks if encoder is not None else ():
+        block.attn.fused_attn = False
+
+
+def share_features(model: Model, views: Views) -> list[Prediction]:
+    """Every view as reference; a model that can encode apart does so once."""
+    if not isinstance(model, MultiViewSAM):
+        return repeat_all(model, views)
+    features = model.encode(views)
+    return [model.decode(features, views, reference) for reference in _references(views)]
+
+
+def repeat_all(model: Model, views: Views) -> list[Prediction]:
+    """Every view as reference in a call of its own, which encodes all views anew."""
+    return [model(views.with_reference(reference)) for reference in _references(views)]
+
+
+def _references(views: Views) -> range:
+    """A measured depth belongs to view 0 alone."""
+    return range(1 if views.measured_depth is not None else views.num_views)
+
+
+FORMS: dict[FormName, Form] = {
+    "ours": Form(our_model, share_features),
+    "textbook": Form(textbook_model, repeat_all),
+}

@@ -1,0 +1,31 @@
+"""What a reader needs to place the figures."""
+
+import os
+
+import torch
+
+from mvsam.apps.bench.clock import StageClock
+from mvsam.mvs.sweep import load_kernel
+from mvsam.provenance import provenance
+
+
+def machine_record(device: str) -> dict:
+    """Provenance, cores, and how fast matrix products are."""
+    return {
+        **provenance(),
+        "ran_on": device,
+        "cores": os.cpu_count(),
+        "threads": torch.get_num_threads(),
+        "kernel": "compiled" if load_kernel() else "plain PyTorch",
+        "bfloat16_gflops": matmul_gflops(torch.bfloat16, device),
+        "float32_gflops": matmul_gflops(torch.float32, device),
+    }
+
+
+def matmul_gflops(dtype: torch.dtype, device: str = "cpu", size: int = 2048) -> float:
+    """Rate of a square matrix product, the yardstick the other figures are read against."""
+    a = torch.randn(size, size, device=device).to(dtype)
+    with torch.inference_mode():
+        torch.mm(a, a)  # warm up
+        seconds = StageClock(device).median_seconds(lambda: torch.mm(a, a), 5)
+    return 2 * size**3 / seconds / 1e9
