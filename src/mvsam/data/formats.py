@@ -4,10 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readers import nerfstudio
+from mvsam.data.readers.nerfstudio import open_nerfstudio
 from mvsam.errors import InputError
 from mvsam.types import Scene
 
-READERS: dict[str, Callable[[Path], Scene]] = {"posed-folder": PosedFolder}
+READERS: dict[str, Callable[[Path], Scene]] = {
+    "posed-folder": PosedFolder,
+    "nerfstudio": open_nerfstudio,
+}
 """Format name -> reader."""
 
 
@@ -30,4 +35,6 @@ def open_scene(path: str | Path, format: str | None = None) -> Scene:
 
 def find_format(path: Path) -> str | None:
     """The name of the format whose characteristic files lie in the folder `path`, or None."""
-    return "posed-folder" if (path / "color").is_dir() else None
+    if (path / "color").is_dir():
+        return "posed-folder"
+    return "nerfstudio" if (path / nerfstudio.FILE).is_file() else None

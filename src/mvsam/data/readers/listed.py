@@ -1,0 +1,76 @@
+"""What most readers return: a scene whose frames are already listed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mvsam.data.checks import check_intrinsics, check_pose
+from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.errors import InputError
+from mvsam.types import Frame
+
+
+class ListedScene:
+    """A `Scene` of these frames. Raises `InputError` for none, or for two of one name."""
+
+    def __init__(
+        self,
+        name: str,
+        frames: Sequence[Frame],
+        views: list[tuple[int, ...]] | None = None,
+        classes: ClassTable = SCANNET20,
+    ):
+        if not frames:
+            raise InputError(f"{name}: no frame with a picture and a pose was found there.")
+        names = [frame.name for frame in frames]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"{name}: two frames are called {twice}; rename one.")
+        self.name = name
+        self.classes = classes
+        self._frames = list(frames)
+        self._views = views
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def frame(self, index: int) -> Frame:
+        return self._frames[index]
+
+    def views(self) -> list[tuple[int, ...]] | None:
+        """The tuples the data prescribe, or None."""
+        return self._views
+
+
+def corner_intrinsics(
+    fx: float, fy: float, cx: float, cy: float, has_integer_centres: bool
+) -> Float[np.ndarray, "3 3"]:
+    """The pinhole matrix in the corner convention.
+
+    has_integer_centres: the calibration puts the first pixel's centre at (0, 0), as OpenCV does;
+    else at (0.5, 0.5), as COLMAP and nerfstudio do.
+    """
+    shift = 0.5 if has_integer_centres else 0.0
+    return np.array([[fx, 0, cx + shift], [0, fy, cy + shift], [0, 0, 1.0]])
+
+
+def checked(frame: Frame, item: str | Path) -> Frame:
+    """The frame, if its pose and intrinsics are believable; else InputError names `item`."""
+    check_pose(frame.world_from_cam, str(item))
+    check_intrinsics(frame.intrinsics, frame.size, str(item))
+    return frame
+
+
+def file_inside(folder: Path, relative: object, item: str) -> Path:
+    """`folder / relative`; InputError for a path that is absolute or leaves the folder."""
+    if not isinstance(relative, str) or not relative or "\0" in relative:
+        raise InputError(f"{item}: {relative!r} is no file path; write one relative to {folder}.")
+    path = Path(relative)
+    depth = 0
+    for part in path.parts:
+        depth += -1 if part == ".." else part != "."
+        if depth < 0 or path.is_absolute():
+            raise InputError(f"{item}: {relative} leaves the folder {folder}; keep files inside.")
+    return folder / path

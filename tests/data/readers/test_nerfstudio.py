@@ -1,0 +1,137 @@
+"""nerfstudio folders: what is written comes back; what is broken says so."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mvsam.data.formats import open_scene
+from mvsam.errors import InputError
+from tests.synthetic import depth_of, labels_of, write_posed_folder
+
+
+def write_nerfstudio(path, **changes):
+    """A synthetic posed folder, told as transforms.json; returns the truth of its frames."""
+    truth = write_posed_folder(path / "source", extension="png")
+    (path / "source" / "color").rename(path / "images")
+    intrinsics = truth[0].intrinsics
+    frames = [
+        {
+            "file_path": f"images/{view.name}.png",
+            # OpenGL: y up, z back
+            "transform_matrix": (view.world_from_cam @ np.diag([1, -1, -1, 1])).tolist(),
+            "depth_file_path": f"source/depth/{view.name}.png",
+            "label_file_path": f"source/labels/{view.name}.png",
+        }
+        for view in truth
+    ]
+    content = {
+        "fl_x": intrinsics[0, 0], "fl_y": intrinsics[1, 1],
+        "cx": intrinsics[0, 2], "cy": intrinsics[1, 2],
+        "w": 64, "h": 48, "frames": frames,
+    } | changes  # fmt: skip
+    (path / "transforms.json").write_text(json.dumps(content))
+    return truth, content
+
+
+def test_frames_come_back_in_opencv_axes_with_nothing_added_to_the_principal_point(tmp_path):
+    truth, _ = write_nerfstudio(tmp_path)
+    scene = open_scene(tmp_path)
+    assert len(scene) == len(truth) and scene.views() is None
+    for view, index in zip(truth, range(len(scene)), strict=True):
+        frame = scene.frame(index)
+        assert frame.name == view.name
+        np.testing.assert_allclose(frame.world_from_cam, view.world_from_cam, atol=1e-9)
+        np.testing.assert_allclose(frame.intrinsics, view.intrinsics)
+        np.testing.assert_array_equal(frame.image, view.image)
+        np.testing.assert_array_equal(labels_of(frame), view.labels)
+        np.testing.assert_allclose(depth_of(frame), view.depth, atol=0.51e-3)
+
+
+def test_a_calibration_of_larger_pictures_is_scaled(tmp_path):
+    truth, content = write_nerfstudio(tmp_path)
+    doubled = {key: 2 * content[key] for key in ("fl_x", "fl_y", "cx", "cy", "w", "h")}
+    (tmp_path / "transforms.json").write_text(json.dumps(content | doubled))
+    np.testing.assert_allclose(open_scene(tmp_path).frame(0).intrinsics, truth[0].intrinsics)
+
+
+def test_an_opening_angle_serves_as_focal_length(tmp_path):
+    _, content = write_nerfstudio(tmp_path)
+    for key in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
+        del content[key]
+    content["camera_angle_x"] = 2 * np.arctan(0.5)
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    expected = [[64, 0, 32], [0, 64, 24], [0, 0, 1]]
+    np.testing.assert_allclose(open_scene(tmp_path).frame(0).intrinsics, expected)
+
+
+def test_intrinsics_of_a_frame_overrule_the_shared_ones(tmp_path):
+    _, content = write_nerfstudio(tmp_path)
+    content["frames"][1] |= {"fl_x": 70.0, "fl_y": 71.0}
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    scene = open_scene(tmp_path)
+    assert scene.frame(1).intrinsics[0, 0] == 70 and scene.frame(1).intrinsics[1, 1] == 71
+    assert scene.frame(0).intrinsics[0, 0] == content["fl_x"]
+
+
+def test_a_lens_is_taken_away_with_a_message(tmp_path, caplog):
+    truth, _ = write_nerfstudio(tmp_path, k1=-0.2, camera_model="OPENCV")
+    frame = open_scene(tmp_path).frame(0)
+    assert "3 pictures are undistorted" in caplog.text
+    assert np.abs(frame.image.astype(int) - truth[0].image).mean() > 1
+    assert frame.depth is not None and (frame.depth[0, 0] == 0) != (frame.depth[0, 0] > 0)
+
+
+def test_depth_in_another_unit(tmp_path):
+    truth, _ = write_nerfstudio(tmp_path, depth_unit_scale_factor=2e-3)
+    depth = open_scene(tmp_path).frame(0).depth
+    assert depth is not None
+    np.testing.assert_allclose(depth, 2 * truth[0].depth, atol=1.1e-3)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"frames": {}}, "no list of frames"),
+        ({"frames": [{}]}, "no 'file_path'"),
+        ({"frames": []}, "no frame"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "not supported"),
+        ({"fl_x": "wide"}, "not a number"),
+        ({"fl_x": float("nan")}, "not a number"),
+        ({"w": 100, "h": 100}, "another shape"),
+        ({"fl_x": -5.0}, "must be positive"),
+    ],
+)
+def test_a_broken_file_says_what_to_do(tmp_path, change, message):
+    write_nerfstudio(tmp_path, **change)
+    with pytest.raises(InputError, match=message):
+        open_scene(tmp_path)
+
+
+@pytest.mark.parametrize("path", ["/etc/passwd", "../secret.png", "images/../../secret.png"])
+def test_files_outside_the_folder_are_refused(tmp_path, path):
+    Image.new("RGB", (64, 48)).save(tmp_path / "secret.png")
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    _, content = write_nerfstudio(folder)
+    content["frames"][0]["file_path"] = path
+    (folder / "transforms.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="leaves the folder"):
+        open_scene(folder)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '"x"', "\x00", "[" * 100_000])
+def test_what_is_no_json_object_is_refused(tmp_path, text):
+    (tmp_path / "transforms.json").write_text(text)
+    with pytest.raises(InputError):
+        open_scene(tmp_path)
+
+
+def test_a_transform_that_is_no_matrix_is_refused(tmp_path):
+    _, content = write_nerfstudio(tmp_path)
+    for wrong in (None, "x", [[1, 2], [3]], [1, 2, 3], [[float("nan")] * 4] * 4):
+        content["frames"][0]["transform_matrix"] = wrong
+        (tmp_path / "transforms.json").write_text(json.dumps(content))
+        with pytest.raises(InputError):
+            open_scene(tmp_path)
