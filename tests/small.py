@@ -43,6 +43,7 @@ def small_model(name: str, num_classes: int = 20, seed: int = 0, **options) -> M
         mock.patch("mvsam.build.TINY_SIDE", SIDE),
     ):
         model = build(name, num_classes, **options)
+    assert isinstance(model, MultiViewSAM)
     if model.semantic_encoder is not None:
         model.semantic_encoder.input_side = SIDE
     _leave_zero(model)

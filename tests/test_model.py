@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import torch
 
-from mvsam.build import MODELS
+from mvsam.build import ASSEMBLIES, MODELS
 from mvsam.model import Features, MultiViewSAM
 from mvsam.training.losses import JointLoss
 from mvsam.types import Prediction, Views
@@ -18,7 +18,7 @@ from tests.small import (
     small_model,
 )
 
-ALL = list(MODELS)
+ALL = list(ASSEMBLIES)
 MULTI_VIEW = [name for name in ALL if "depth" in MODELS[name].tasks]
 WITH_FROZEN_SAM = [name for name in ALL if "sam" in name or name.startswith("base")]
 

@@ -20,6 +20,7 @@ from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
 from mvsam.segmentation.transformer import TwoWayTransformer
+from mvsam.types import Model
 
 
 def paper_cascade() -> DepthCascade:
@@ -168,7 +169,7 @@ class ModelSpec:
     """What a name stands for."""
 
     name: str
-    build: Callable[..., MultiViewSAM]
+    build: Callable[..., Model]
     """Takes `num_classes`; the rows with SAM also `tuned_blocks`."""
     paper_row: str
     inputs: str
@@ -178,7 +179,7 @@ class ModelSpec:
 
 
 _BOTH, _DEPTH, _SEMANTICS = ("depth", "semantics"), ("depth",), ("semantics",)
-_SPECS = (
+_ASSEMBLIES = (
     ModelSpec("base", base, "Tables 1-5: Ours, full", "posed RGB views", _BOTH),
     ModelSpec("base_no_bridge", base_no_bridge, "Table 5: no SAM->MVS", "posed RGB views", _BOTH),
     ModelSpec("mvs_sam", mvs_sam, "Tables 1, 5: MVS + SAM features", "posed RGB views", _DEPTH),
@@ -210,7 +211,10 @@ _SPECS = (
         _BOTH,
     ),
 )
-MODELS = {spec.name: spec for spec in _SPECS}
+_BASELINES: tuple[ModelSpec, ...] = ()
+ASSEMBLIES = {spec.name: spec for spec in _ASSEMBLIES}
+"""Put together from the parts of Figure 3: a `MultiViewSAM` each."""
+MODELS = ASSEMBLIES | {spec.name: spec for spec in _BASELINES}
 
 
 def model_spec(name: str) -> ModelSpec:
@@ -222,7 +226,7 @@ def model_spec(name: str) -> ModelSpec:
     raise InputError(f"unknown model '{name}'.{hint} Models: {', '.join(MODELS)}.")
 
 
-def build(name: str, num_classes: int = 20, **options) -> MultiViewSAM:
+def build(name: str, num_classes: int = 20, **options) -> Model:
     """The model of that name with random weights; `options` are those of its function here."""
     spec = model_spec(name)
     known = signature(spec.build).parameters

@@ -8,12 +8,12 @@ reference, and the paper's M counts it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
-from torch import Tensor
+from torch import Tensor, nn
 
 IGNORE = 255
 """Label of a pixel that belongs to no class; losses and scores leave it out."""
@@ -92,6 +92,8 @@ class Views(_TensorStruct):
     """(d_min, d_max), metres."""
     measured_depth: Float[Tensor, "batch height width"] | None = None
     """Sensor depth of view 0, for RGB-D models only; 0 = unknown."""
+    semantic_images: Float[Tensor, "batch view 3 semantic_height semantic_width"] | None = None
+    """The same views at another size for the semantic encoder; None: it sees `images`."""
 
     @property
     def num_views(self) -> int:
@@ -110,11 +112,13 @@ class Views(_TensorStruct):
         if reference and self.measured_depth is not None:
             raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
         order = [reference, *(i for i in range(self.num_views) if i != reference)]
+        semantic = self.semantic_images
         return replace(
             self,
             images=self.images[:, order],
             intrinsics=self.intrinsics[:, order],
             world_from_cam=self.world_from_cam[:, order],
+            semantic_images=None if semantic is None else semantic[:, order],
         )
 
 
@@ -162,3 +166,28 @@ class Prediction:
     def labels(self) -> Int[Tensor, "batch height width"] | None:
         """The most likely class of each pixel."""
         return None if self.logits is None else torch.argmax(self.logits, dim=1)
+
+
+class Model(nn.Module):
+    """What every model is, ours and each baseline: called as `model(views)`, it predicts view 0.
+
+    One that can encode views apart from each other also has `encode` and `decode` as
+    `model.MultiViewSAM` has; one whose parameters learn at different rates has
+    `parameter_groups(lr)`, the list of dicts that torch's optimisers take.
+    """
+
+    info: Any = None
+    """What the weights' file says of itself (`weights.WeightsInfo`); None for random weights."""
+    input_size: tuple[int, int] = (320, 256)
+    """(width, height) that photos are resized to, pixels."""
+    semantic_size: tuple[int, int] | None = None
+    """(width, height) of `Views.semantic_images` it was trained with; None: without them."""
+    weights_hash: str | None = None
+    """Of the weights' file."""
+    num_classes: int = 20
+    """The paper's K; without meaning where the model has no semantics."""
+    backbone_weights: str = "random"
+    """What its backbone began with: random, imagenet or the name of a file."""
+
+    def forward(self, views: Views) -> Prediction:
+        raise NotImplementedError

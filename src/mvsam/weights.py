@@ -12,7 +12,7 @@ import re
 from dataclasses import asdict, dataclass, field
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from safetensors.torch import load_file, save_file
@@ -22,9 +22,12 @@ from mvsam.build import MODELS, build, model_spec
 from mvsam.errors import InputError
 from mvsam.model import MultiViewSAM
 from mvsam.segmentation.decoder import SemanticDecoder
+from mvsam.types import Model
 
 ASSETS = Path(__file__).parent / "assets"
 HUB_WEIGHTS, HUB_PAGE = "model.safetensors", "model.json"
+AnyModule = TypeVar("AnyModule", bound=nn.Module)
+
 RUN_PAGE = "experiment.json"
 """What a run writes beside its checkpoints; says enough to load one."""
 
@@ -52,7 +55,7 @@ def embedded() -> list[str]:
     return sorted(path.stem for path in ASSETS.glob("*.safetensors"))
 
 
-def load(name: str) -> MultiViewSAM:
+def load(name: str) -> Model:
     """A model with its weights, in evaluation mode, by embedded name, file path or hub id.
 
     The model carries `info` (a `WeightsInfo`), `input_size` and `weights_hash`.
@@ -69,7 +72,7 @@ def load(name: str) -> MultiViewSAM:
     return layout_channels_last(model).eval()
 
 
-def from_pretrained(name: str) -> MultiViewSAM:
+def from_pretrained(name: str) -> Model:
     """`load` under the name Hugging Face users look for."""
     return load(name)
 
@@ -150,7 +153,7 @@ def save(
     }
     info = WeightsInfo(
         model=name,
-        num_classes=getattr(getattr(model, "decoder", None), "num_classes", 20),
+        num_classes=getattr(model, "num_classes", 20),
         classes=classes,
         palette=palette,
         depth_range=depth_range,
@@ -225,7 +228,7 @@ def _model_entries(checkpoint: Any) -> dict[str, Tensor]:
     raise pickle.UnpicklingError("no tensors by name")
 
 
-def load_into(model: MultiViewSAM, name: str) -> list[str]:
+def load_into(model: nn.Module, name: str) -> list[str]:
     """Starts `model` from other weights; returns the entries that find none of their shape."""
     path, _ = locate(name)
     given, own = read_tensors(path), model.state_dict()
@@ -254,7 +257,7 @@ _SAM_DECODER_NAMES = (
 """SAM's names in its mask decoder and ours, applied in this order."""
 
 
-def load_sam(model: MultiViewSAM, path: str | Path, include_decoder: bool = False) -> None:
+def load_sam(model: Model, path: str | Path, include_decoder: bool = False) -> None:
     """Loads SAM's released `sam_vit_b_*.pth`: every image encoder key, and the position matrix.
 
     include_decoder: also SAM's two-way transformer and upscaling; the paper calls only the encoder
@@ -262,8 +265,8 @@ def load_sam(model: MultiViewSAM, path: str | Path, include_decoder: bool = Fals
     unknown or misshapen `image_encoder.*` key is an InputError.
     """
     path = Path(path)
-    encoder = model.semantic_encoder
-    if encoder is None:
+    encoder = model.semantic_encoder if isinstance(model, MultiViewSAM) else None
+    if not isinstance(model, MultiViewSAM) or encoder is None:
         raise InputError("this model has no SAM encoder to load weights into.")
     if not path.is_file():
         raise InputError(
@@ -320,7 +323,7 @@ def file_hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
-def layout_channels_last(model: MultiViewSAM) -> MultiViewSAM:
+def layout_channels_last(model: AnyModule) -> AnyModule:
     """The same model, convolution weights in channels-last order: faster on CPUs and GPUs."""
     for module in model.modules():
         if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):

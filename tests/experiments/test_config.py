@@ -4,6 +4,7 @@ from mvsam.data.labels import SCANNET20
 from mvsam.experiments.config import Experiment
 from mvsam.experiments.runs import find_run
 from mvsam.provenance import commit
+from mvsam.training.losses import JointLoss
 
 
 def test_a_saved_record_holds_every_setting_the_commit_and_the_versions(tmp_path):
@@ -24,6 +25,6 @@ def test_settings_are_those_of_the_paper_unless_a_run_says_otherwise():
         1e-4,
         1e-2,
     )
-    assert (run.loss.alpha, run.loss.beta) == (1.0, 0.02)
+    assert run.loss == JointLoss(alpha=1.0, beta=0.02)
     assert (run.train.batch_size, run.data.num_views) == (8, 3)
     assert (run.data.size, run.data.depth_range) == ((320, 256), (0.1, 5.0))

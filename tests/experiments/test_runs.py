@@ -10,6 +10,7 @@ from mvsam.data.stream import collate_training
 from mvsam.errors import InputError
 from mvsam.experiments.driver import initial_model
 from mvsam.experiments.runs import RUNS, find_run
+from mvsam.model import MultiViewSAM
 from mvsam.training.module import predict_references
 from mvsam.training.optim import make_optimizer
 from tests.small import SIDE, small_backbone
@@ -46,7 +47,7 @@ def test_every_run_takes_one_reduced_step_that_lowers_its_loss(name: str, scene:
         mock.patch("mvsam.build.TINY_SIDE", SIDE),
     ):
         model = initial_model(replace(run.model, init=(), sam_checkpoint=None)).train()
-    if model.semantic_encoder is not None:
+    if isinstance(model, MultiViewSAM) and model.semantic_encoder is not None:
         model.semantic_encoder.input_side = SIDE
     optimizer, schedule = make_optimizer(model, run.optimizer)
 

@@ -1,7 +1,17 @@
 import pytest
 import torch
 
-from mvsam.training.optim import OptimizerConfig, make_optimizer, parameter_groups, rate_factor
+from mvsam.training.optim import (
+    SGD,
+    Adam,
+    Milestones,
+    OneCycle,
+    OptimizerConfig,
+    Polynomial,
+    make_optimizer,
+    parameter_groups,
+    rate_factor,
+)
 from tests.small import small_model
 
 
@@ -68,3 +78,51 @@ def test_both_groups_follow_the_schedule():
     assert seen[5] == pytest.approx([1e-3, 1e-4])
     assert seen[10] == pytest.approx([5e-4, 5e-5])
     assert seen[15] == pytest.approx([1.25e-4, 1.25e-5])
+
+
+def test_a_publication_s_algorithm_and_weight_decay_are_used():
+    model = torch.nn.Linear(2, 2)
+    adam, _ = make_optimizer(model, OptimizerConfig(algorithm=Adam(), weight_decay=1e-4))
+    assert type(adam) is torch.optim.Adam and adam.param_groups[0]["weight_decay"] == 1e-4
+    descent, _ = make_optimizer(model, OptimizerConfig(algorithm=SGD(nesterov=True)))
+    assert isinstance(descent, torch.optim.SGD)
+    group = descent.param_groups[0]
+    assert (group["momentum"], group["nesterov"]) == (0.9, True)
+
+
+def test_without_warm_up_and_milestones_the_rate_is_constant():
+    constant = Milestones(shares=(), warmup_steps=0)
+    assert {constant(step, 100) for step in range(100)} == {1.0}
+
+
+def test_mvs2d_s_rate_falls_to_a_tenth_at_epochs_25_and_28_of_30():
+    schedule = Milestones(shares=(25 / 30, 28 / 30), factor=0.1, warmup_steps=0)
+    seen = [schedule(step, 3000) for step in (0, 2499, 2500, 2800)]
+    assert seen == pytest.approx([1, 1, 0.1, 0.01])
+
+
+def test_polynomial_decay_ends_at_zero():
+    schedule = Polynomial(0.9)
+    assert [schedule(step, 100) for step in (0, 50, 100)] == pytest.approx([1, 0.5**0.9, 0])
+
+
+def test_one_cycle_is_torch_s():
+    optimizer = torch.optim.SGD(torch.nn.Linear(1, 1).parameters(), lr=1.0)
+    # torch counts its last step as the end of the cycle, and its top one step earlier.
+    reference = torch.optim.lr_scheduler.OneCycleLR(optimizer, 1.0, total_steps=101, pct_start=0.11)
+    reference.total_steps = 101
+    for step in range(101):
+        expected = optimizer.param_groups[0]["lr"]
+        assert OneCycle()(step, 100) == pytest.approx(expected, abs=0.01)
+        optimizer.step()
+        if step < 100:
+            reference.step()
+
+
+def test_a_model_may_say_how_fast_its_parts_learn():
+    class Halves(torch.nn.Linear):
+        def parameter_groups(self, lr: float):
+            return [{"params": [self.weight], "lr": lr}, {"params": [self.bias], "lr": 20 * lr}]
+
+    groups = parameter_groups(Halves(2, 2), OptimizerConfig(lr=0.1))
+    assert [group["lr"] for group in groups] == pytest.approx([0.1, 2.0])

@@ -12,8 +12,7 @@ from mvsam.commands.shared import Device, load_model, progress_bar
 
 if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
-    from mvsam.model import MultiViewSAM
-    from mvsam.types import Scene
+    from mvsam.types import Model, Scene
 
 
 @dataclass(frozen=True)
@@ -57,9 +56,7 @@ class Predict:
             print(f"{out}: {len(result.written)} photos predicted{_remark(result)}")
 
 
-def predict_with_bar(
-    arguments: Predict, model: MultiViewSAM, scene: Scene, out: Path
-) -> SceneResult:
+def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) -> SceneResult:
     """`predict_scene` with a progress bar."""
     from mvsam.inference.scene import predict_scene
 
