@@ -137,6 +137,17 @@ def test_the_same_precision_is_not_measured_twice():
     assert len(cases) == len(set(cases)) == 8
 
 
+def test_textbook_training_in_bfloat16_is_left_out_on_a_cpu():
+    bench = Bench(models=("tiny",), precisions=("bfloat16",), device="cpu")
+    assert {(case.form, case.work) for case in bench.cases()} == {
+        ("ours", "predict"),
+        ("textbook", "predict"),
+        ("ours", "train"),
+    }
+    with pytest.raises(InputError, match="unsound"):
+        replace(bench, forms=("textbook",), work=("train",)).run()
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_views_bring_measured_depth_where_the_model_reads_it(name: str):
     case = replace(SMALL, model=name)

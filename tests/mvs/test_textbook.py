@@ -1,6 +1,7 @@
 """The yardstick computes what the product computes."""
 
 import torch
+from torch import nn
 
 from mvsam.mvs.textbook import TextbookCascade, textbook_regress
 from tests.small import random_views, shuffle_statistics, small_model
@@ -27,6 +28,9 @@ def test_the_textbook_cascade_shares_the_weights_it_is_made_from():
     assert list(textbook.state_dict()) == list(cascade.state_dict())
     theirs = zip(textbook.parameters(), cascade.parameters(), strict=True)
     assert all(mine is their for mine, their in theirs)
+    convolutions = [m for m in textbook.modules() if isinstance(m, nn.Conv3d | nn.ConvTranspose3d)]
+    assert len(convolutions) == 3 * 11
+    assert {type(m) for m in convolutions} == {nn.Conv3d, nn.ConvTranspose3d}
 
 
 def test_confidence_is_the_mass_of_the_four_planes_around_the_expectation():

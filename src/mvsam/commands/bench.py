@@ -53,9 +53,14 @@ class Bench:
         from mvsam.apps.bench.machine import machine_record
         from mvsam.apps.bench.measure import run_case
         from mvsam.apps.bench.report import ratios, tables
+        from mvsam.errors import InputError
         from mvsam.files import write_json
 
         cases = self.cases()
+        if not cases:
+            raise InputError(
+                "textbook training in bfloat16 is unsound on a CPU: choose other --precisions."
+            )
         for case in cases:
             check_case(case)
         with progress_bar() as progress:
@@ -74,17 +79,17 @@ class Bench:
                 print_table(table)
 
     def cases(self) -> list[Case]:
-        """Every combination of the options."""
-        from mvsam.apps.bench.cases import Case
+        """Every combination of the options that is sound."""
+        from mvsam.apps.bench.cases import Case, is_sound
         from mvsam.commands.shared import find_device
         from mvsam.precision import resolve
 
         device = find_device(self.device)
         precisions = dict.fromkeys(resolve(precision, device) for precision in self.precisions)
         size = (self.views, self.width, self.height)
-        return [
+        combinations = product(self.work, self.models, precisions, self.forms)
+        cases = [
             Case(model, form, work, precision, *size, repeats=self.repeats, device=device)
-            for work, model, precision, form in product(
-                self.work, self.models, precisions, self.forms
-            )
+            for work, model, precision, form in combinations
         ]
+        return [case for case in cases if is_sound(case)]

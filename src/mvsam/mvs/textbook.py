@@ -1,5 +1,6 @@
 """The cascade as published code computes it: the yardstick `mvsam bench` holds ours against."""
 
+import copy
 from collections.abc import Sequence
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.cost_volume import textbook_variance_volume
+from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.types import DepthStage, Views
 
 
@@ -18,12 +20,14 @@ class TextbookCascade(nn.Module):
 
     Every view is warped into a volume of its own by `grid_sample`, tensors keep their default
     layout, batch norm stays a layer, and softmax, expectation and confidence are passes of their
-    own over the volume. It shares the regularizers of the cascade it is made from.
+    own over the volume. The weights are those of the cascade it is made from, not copies.
     """
 
     def __init__(self, cascade: DepthCascade):
         super().__init__()
-        self.regularizers = cascade.regularizers
+        self.regularizers = nn.ModuleList(
+            TextbookRegularizer(regularizer) for regularizer in cascade.regularizers
+        )
         self.hypotheses = cascade.hypotheses
 
     def forward(
@@ -42,6 +46,41 @@ class TextbookCascade(nn.Module):
             )
             stages.append(textbook_regress(self.regularizers[index](volume), hypotheses))
         return stages
+
+
+class TextbookRegularizer(nn.Module):
+    """A `CostRegularizer` of PyTorch's own layers, with the same weights."""
+
+    entry: nn.Module
+    down1: nn.Module
+    down2: nn.Module
+    down3: nn.Module
+    up2: nn.Module
+    up1: nn.Module
+    up0: nn.Module
+    score: nn.Module
+
+    def __init__(self, regularizer: CostRegularizer):
+        super().__init__()
+        shared = {id(x): x for x in (*regularizer.parameters(), *regularizer.buffers())}
+        for name, child in copy.deepcopy(regularizer, shared).named_children():
+            self.add_module(name, child)
+        for layer in self.modules():
+            for plain in (nn.Conv3d, nn.ConvTranspose3d):
+                if isinstance(layer, plain):
+                    layer.__class__ = plain  # our layers differ in `forward` alone
+
+    def forward(
+        self, volume: Float[Tensor, "batch channel plane height width"]
+    ) -> Float[Tensor, "batch plane height width"]:
+        """Scores before the softmax over planes."""
+        level0 = self.entry(volume)
+        level1 = self.down1(level0)
+        level2 = self.down2(level1)
+        x = level2 + self.up2(self.down3(level2))
+        x = level1 + self.up1(x)
+        x = level0 + self.up0(x)
+        return self.score(x)[:, 0]
 
 
 def textbook_regress(

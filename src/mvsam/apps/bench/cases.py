@@ -32,6 +32,13 @@ class Case:
     device: Literal["cpu", "cuda"] = "cpu"
 
 
+def is_sound(case: Case) -> bool:
+    """False for textbook training in bfloat16 on a CPU: gradients are wrong there or memory is
+    corrupted (docs/log.md), so its seconds say nothing."""
+    in_bfloat16 = case.precision == "bfloat16" and case.device == "cpu"
+    return not (in_bfloat16 and case.form == "textbook" and case.work == "train")
+
+
 def check_case(case: Case) -> None:
     """InputError for what cannot be measured; asked before minutes are spent."""
     model_spec(case.model)
