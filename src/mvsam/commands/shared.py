@@ -13,7 +13,7 @@ import tyro
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from mvsam.model import MultiViewSAM
+    from mvsam.types import Model
 
 Device = Literal["auto", "cpu", "cuda"]
 """auto: a GPU where there is one."""
@@ -21,18 +21,24 @@ Device = Literal["auto", "cpu", "cuda"]
 Json = Annotated[bool, tyro.conf.arg(help="Print one JSON document to stdout, for scripts.")]
 
 
-def load_model(name: str, device: Device) -> MultiViewSAM:
+def load_model(name: str, device: Device) -> Model:
     """The model of a name, path or hub id, on the device."""
+    from mvsam import weights
+
+    target = find_device(device)
+    return weights.load(name).to(target)
+
+
+def find_device(device: Device) -> Literal["cpu", "cuda"]:
+    """Where to run; InputError where a GPU is asked for and there is none."""
     import torch
 
-    from mvsam import weights
     from mvsam.errors import InputError
 
     has_gpu = torch.cuda.is_available()
     if device == "cuda" and not has_gpu:
         raise InputError("no CUDA device was found: leave --device out to use the processor.")
-    target = "cuda" if has_gpu and device != "cpu" else "cpu"
-    return weights.load(name).to(target)
+    return "cuda" if has_gpu and device != "cpu" else "cpu"
 
 
 @contextmanager
