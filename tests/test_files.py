@@ -84,3 +84,20 @@ def test_a_folder_that_refuses_files_is_named(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(Path, "touch", refuse)  # root may write anywhere, so permissions won't do
     with pytest.raises(InputError, match=r"not writable \(Permission denied\): choose another"):
         writable_folder(tmp_path / "new")
+
+
+def test_two_writers_of_one_file_do_not_meet(tmp_path: Path):
+    path = tmp_path / "map.txt"
+
+    def save(file):
+        """Another process writes the same file before we are done."""
+        write_whole(path, lambda other: other.write(b"theirs"))
+        file.write(b"ours")
+
+    partial = []
+    replace = mvsam.files.os.replace
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mvsam.files.os, "replace", lambda a, b: (partial.append(a), replace(a, b)))
+        write_whole(path, save)
+    assert path.read_bytes() == b"ours"
+    assert len(set(partial)) == 2

@@ -6,6 +6,7 @@ Whoever reads a folder while we write, or after a crash, finds complete files or
 import errno
 import json
 import os
+import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -38,13 +39,14 @@ def disk_full_as_sentence(path: Path) -> Iterator[None]:
 def write_whole(path: Path, save: Callable[[BinaryIO], Any]) -> None:
     """Writes what `save(file)` produces to a temporary neighbour of `path`, then renames that.
 
-    Nothing is left behind when writing fails, be it a full disk or Ctrl-C.
+    Nothing is left behind when writing fails, be it a full disk or Ctrl-C. Processes, on several
+    machines too, may write the same file at once: the last one stays.
     """
     # Pillow writes straight to the descriptor of a real file and overlooks a write that a nearly
     # full disk cuts short; Python's own write of the finished bytes does not.
     content = BytesIO()
     save(content)
-    partial = path.with_name(f".{path.name}{PARTIAL}")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PARTIAL}")
     with disk_full_as_sentence(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:

@@ -1,11 +1,10 @@
 """Figure 3 in one forward pass: encoders, fusion, cascade, prompt, decoder."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.encoders.fusion import SemanticPyramid
@@ -13,7 +12,7 @@ from mvsam.encoders.sam import SamEncoder
 from mvsam.mvs.cascade import DepthCascade, combined_confidence
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
-from mvsam.types import Prediction, Views
+from mvsam.types import Model, Prediction, Views
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Features:
         )
 
 
-class MultiViewSAM(nn.Module):
+class MultiViewSAM(Model):
     """The network of "Joint Depth Prediction and Semantic Segmentation with Multi-View SAM".
 
     It is put together from built parts (`build.py`); a part that an ablation lacks is None.
@@ -52,13 +51,6 @@ class MultiViewSAM(nn.Module):
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
     """
-
-    info: Any = None
-    """What the weights' file says of itself (`weights.WeightsInfo`); None for random weights."""
-    input_size: tuple[int, int] = (320, 256)
-    """(width, height) that photos are resized to, pixels."""
-    weights_hash: str | None = None
-    """Of the weights' file."""
 
     def __init__(
         self,
@@ -78,6 +70,8 @@ class MultiViewSAM(nn.Module):
         self.prompt = prompt
         self.decoder = decoder
         self.prompt_passes_gradient = prompt_passes_gradient
+        if decoder is not None:
+            self.num_classes = decoder.num_classes
 
     def forward(self, views: Views) -> Prediction:
         """Depth, confidence and logits of view 0."""
@@ -88,9 +82,16 @@ class MultiViewSAM(nn.Module):
         """Steps (1) to (3) for every view: SAM features, geometric pyramid, their sum (Sec. 3.1).
 
         A model without a cascade looks at view 0 alone when called, but at every view given here.
+        Raises ValueError for image sides that do not divide, or without the `semantic_images` that
+        the model was trained with.
         """
+        self._check(views)
         images = views.images.flatten(0, 1)
-        semantic = self.semantic_encoder(images) if self.semantic_encoder else None
+        semantic = None
+        if self.semantic_encoder is not None:
+            given = views.semantic_images
+            seen = images if given is None else given.flatten(0, 1)
+            semantic = self.semantic_encoder(seen, (views.height // 4, views.width // 4))
         pyramid = self.geometry_encoder(images) if self.geometry_encoder else ()
         if self.bridge is not None and semantic is not None:
             added = self.bridge(semantic)
@@ -119,6 +120,19 @@ class MultiViewSAM(nn.Module):
         logits = self._segment(features, views, depth) if self.decoder else None
         return Prediction(depth, confidence, logits, stages)
 
+    def _check(self, views: Views) -> None:
+        divisor = 32 if self.cascade else 4
+        if views.height % divisor or views.width % divisor:
+            raise ValueError(
+                f"images of {views.width}x{views.height}: both sides must be divisible by "
+                f"{divisor}; resize them together with their intrinsics"
+            )
+        if self.semantic_size is not None and views.semantic_images is None:
+            raise ValueError(
+                "this model was trained with photos for SAM: set views.semantic_images, as "
+                "make_views(frames, semantic_size=model.semantic_size) does"
+            )
+
     def _segment(self, features: Features, views: Views, depth: Tensor | None) -> Tensor:
         assert self.decoder is not None and features.semantic is not None
         if self.prompt is None:
@@ -140,9 +154,11 @@ def _with_reference(features: Features, views: Views, reference: int) -> tuple[F
 
 
 def _select(views: Views, order: list[int]) -> Views:
+    semantic = views.semantic_images
     return replace(
         views,
         images=views.images[:, order],
         intrinsics=views.intrinsics[:, order],
         world_from_cam=views.world_from_cam[:, order],
+        semantic_images=None if semantic is None else semantic[:, order],
     )

@@ -1,5 +1,10 @@
+import sys
+
+import numpy as np
 import pytest
 
+from mvsam import rooms
+from mvsam.data import catalog
 from mvsam.data.catalog import open_data
 from mvsam.errors import InputError
 from tests.synthetic import write_posed_folder
@@ -58,3 +63,18 @@ def test_rooms_are_built_when_asked_for_and_stay_the_same():
 def test_bad_names_of_rooms_are_explained(name, reason):
     with pytest.raises(InputError, match=reason):
         open_data(name)
+
+
+def test_rooms_are_rendered_once_where_a_cache_is_given(tmp_path, monkeypatch):
+    def rooms_in(cache: str | None):
+        catalog._room.cache_clear()
+        return open_data("rooms:val:3-4", room_frames=2, room_size=(32, 32), cache=cache)
+
+    truth, first = rooms_in(None)[0], rooms_in(str(tmp_path))[0]
+    image = truth.frame(1).image
+    (file,) = tmp_path.rglob("*.npz")
+    assert file.parent.name == f"v{rooms.VERSION}-32x32-2frames"
+    monkeypatch.setattr(sys.modules["mvsam.rooms.scene"], "render", None)  # not to be called again
+    for scene in (first, rooms_in(str(tmp_path))[0]):
+        assert scene.name == truth.name and scene.views() == truth.views()
+        np.testing.assert_array_equal(scene.frame(1).image, image)

@@ -3,10 +3,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mvsam.data.pose_check import FLIP_Y_AND_Z, pose_convention_hint
+from mvsam.data.pose_check import pose_convention_hint
 from mvsam.data.posed_folder import PosedFolder
 from mvsam.data.sampling import view_tuples
 from mvsam.errors import InputError
+from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import Frame
 from tests.synthetic import write_posed_folder
 
@@ -33,8 +34,14 @@ def test_right_poses_raise_no_suspicion(folder):
     ("rewrite", "expected"),
     [
         (np.linalg.inv, "the poses look world-to-camera; invert them"),
-        (lambda pose: pose @ FLIP_Y_AND_Z, "the poses look in OpenGL axes (y up, z backward)"),
-        (lambda pose: np.linalg.inv(pose @ FLIP_Y_AND_Z), "look world-to-camera in OpenGL axes"),
+        (
+            lambda pose: pose @ OPENCV_FROM_OPENGL,
+            "the poses look in OpenGL axes (y up, z backward)",
+        ),
+        (
+            lambda pose: np.linalg.inv(pose @ OPENCV_FROM_OPENGL),
+            "look world-to-camera in OpenGL axes",
+        ),
     ],
 )
 def test_photos_reveal_another_convention_though_the_frusta_overlap(folder, rewrite, expected):
@@ -76,7 +83,7 @@ def test_frusta_reveal_world_to_camera_poses():
 
 def test_frusta_reveal_opengl_axes():
     flipped = [
-        Frame(f.name, f.size, f.intrinsics, f.world_from_cam @ FLIP_Y_AND_Z, no_pixels)
+        Frame(f.name, f.size, f.intrinsics, f.world_from_cam @ OPENCV_FROM_OPENGL, no_pixels)
         for f in looking_at_a_table(5)
     ]
     hint = pose_convention_hint(flipped)
@@ -97,7 +104,7 @@ def test_poses_in_millimetres_are_called_not_metric(folder):
 
 def test_the_refusal_of_a_scene_without_overlap_names_the_convention(folder, monkeypatch):
     frames = [
-        Frame(f.name, f.size, f.intrinsics, f.world_from_cam @ FLIP_Y_AND_Z, no_pixels)
+        Frame(f.name, f.size, f.intrinsics, f.world_from_cam @ OPENCV_FROM_OPENGL, no_pixels)
         for f in looking_at_a_table(5)
     ]
     scene = PosedFolder(folder)

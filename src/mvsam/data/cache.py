@@ -1,15 +1,14 @@
 """Frames of a scene kept in one uncompressed file, for data that is slow to make or to decode."""
 
 import json
-import os
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
+from mvsam.files import write_whole
+from mvsam.geometry.depth_map import from_millimetres, to_millimetres
 from mvsam.types import Frame, Scene
-
-_MILLIMETRES = 1000.0
 
 
 def cached_scene(scene: Scene, folder: Path) -> Scene:
@@ -32,7 +31,7 @@ def _write(scene: Scene, path: Path) -> None:
     for index, frame in enumerate(frames):
         arrays[f"image{index}"] = frame.image
         if (depth := frame.depth) is not None:
-            arrays[f"depth{index}"] = np.rint(depth * _MILLIMETRES).astype(np.uint16)
+            arrays[f"depth{index}"] = to_millimetres(depth)
         if (labels := frame.labels) is not None:
             arrays[f"labels{index}"] = labels
     about = {
@@ -41,19 +40,21 @@ def _write(scene: Scene, path: Path) -> None:
         "views": scene.views(),
     }
     arrays["about"] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    with temporary.open("wb") as file:
-        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
-    temporary.replace(path)
+    write_whole(path, lambda file: np.savez(file, **arrays))  # pyright: ignore[reportArgumentType]
+
+
+def _array(path: Path, name: str) -> np.ndarray:
+    with np.load(path, allow_pickle=False) as archive:
+        return archive[name]
 
 
 class CachedScene:
     """A scene in the file that `cached_scene` writes."""
 
     def __init__(self, path: Path):
-        self._read = cache(np.load(path, allow_pickle=False).__getitem__)
-        self._keys = set(np.load(path, allow_pickle=False).files)
+        self._read = cache(partial(_array, path))
+        with np.load(path, allow_pickle=False) as archive:
+            self._keys = set(archive.files)
         self._about = json.loads(self._read("about").tobytes())
 
     @property
@@ -82,4 +83,4 @@ class CachedScene:
         return None if tuples is None else [tuple(views) for views in tuples]
 
     def _depth(self, index: int):
-        return lambda: self._read(f"depth{index}").astype(np.float32) / np.float32(_MILLIMETRES)
+        return lambda: from_millimetres(self._read(f"depth{index}"))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from mvsam.data.cache import cached_scene
 from mvsam.data.formats import find_format, open_scene
 from mvsam.errors import InputError
 from mvsam.types import Scene
@@ -15,15 +16,17 @@ def open_data(
     format: str | None = None,
     room_frames: int = 5,
     room_size: tuple[int, int] = (320, 256),
+    cache: str | None = None,
 ) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
     The end of a part is left out, as in Python's slices. A path is a scene, or a folder of scene
     folders, which come sorted by name. `room_frames` is the number of frames of each room,
-    `room_size` their (width, height).
+    `room_size` their (width, height); rooms are rendered once where `cache` names a folder to keep
+    them in (other data lie on a disk already).
     """
     if name.startswith("rooms:"):
-        return _open_rooms(name, room_frames, room_size)
+        return _open_rooms(name, room_frames, room_size, cache)
     path = Path(name)
     if format is None and path.is_dir() and (folders := scene_folders(path)):
         return [open_scene(folder) for folder in folders]
@@ -47,8 +50,9 @@ class RoomScenes(Sequence[Scene]):
         end: int,
         num_frames: int = 5,
         size: tuple[int, int] = (320, 256),
+        cache: str | None = None,
     ):
-        self.split, self.num_frames, self.size = split, num_frames, size
+        self.split, self.num_frames, self.size, self.cache = split, num_frames, size, cache
         self._indices = range(first, end)
 
     def __len__(self) -> int:
@@ -57,17 +61,23 @@ class RoomScenes(Sequence[Scene]):
     def __getitem__(self, position):
         if isinstance(position, slice):
             return [self[index] for index in range(*position.indices(len(self)))]
-        return _room(self.split, self._indices[position], self.num_frames, self.size)
+        return _room(self.split, self._indices[position], self.num_frames, self.size, self.cache)
 
 
 @lru_cache(maxsize=4)  # tuples of one room are usually read one after the other
-def _room(split: str, index: int, num_frames: int, size: tuple[int, int]) -> Scene:
+def _room(
+    split: str, index: int, num_frames: int, size: tuple[int, int], cache: str | None
+) -> Scene:
     from mvsam import rooms  # needs the extra `rooms`, which reading folders does not
 
-    return rooms.scene(split, index, num_frames, *size)
+    scene = rooms.scene(split, index, num_frames, *size)
+    if cache is None:
+        return scene
+    kind = f"v{rooms.VERSION}-{size[0]}x{size[1]}-{num_frames}frames"
+    return cached_scene(scene, Path(cache) / kind)
 
 
-def _open_rooms(name: str, num_frames: int, size: tuple[int, int]) -> RoomScenes:
+def _open_rooms(name: str, num_frames: int, size: tuple[int, int], cache: str | None) -> RoomScenes:
     from mvsam import rooms
 
     match = re.fullmatch(r"rooms:(\w+)(?::(\d+)-(\d+))?", name)
@@ -80,10 +90,10 @@ def _open_rooms(name: str, num_frames: int, size: tuple[int, int]) -> RoomScenes
     if match[2] is None:
         if count is None:
             raise InputError(f"{name}: this split has no end; name a part, as {name}:0-100.")
-        return RoomScenes(split, 0, count, num_frames, size)
+        return RoomScenes(split, 0, count, num_frames, size, cache)
     first, end = int(match[2]), int(match[3])
     if first >= end:
         raise InputError(f"{name}: the part is empty; its end must be larger than its first.")
     if count is not None and end > count:
         raise InputError(f"{name}: this split has {count} scenes; end at {count} or before.")
-    return RoomScenes(split, first, end, num_frames, size)
+    return RoomScenes(split, first, end, num_frames, size, cache)

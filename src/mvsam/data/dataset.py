@@ -8,7 +8,13 @@ from torch.utils.data import Dataset
 
 from mvsam.data.catalog import open_data
 from mvsam.data.sampling import DepthRange, evenly_spaced, view_tuples
-from mvsam.data.transforms import Size, area_resize, resize_intrinsics, resize_nearest
+from mvsam.data.transforms import (
+    Size,
+    area_resize,
+    crop_to_shape,
+    resize_intrinsics,
+    resize_nearest,
+)
 from mvsam.types import IGNORE, Frame, Scene, Targets, Views
 
 __all__ = ["Sample", "TupleDataset", "collate", "make_targets", "make_views", "open_data"]
@@ -18,21 +24,32 @@ Sample = tuple[str, Views, Targets]
 
 
 def make_views(
-    frames: Sequence[Frame], size: Size = (320, 256), depth_range: DepthRange = (0.1, 5.0)
+    frames: Sequence[Frame],
+    size: Size = (320, 256),
+    depth_range: DepthRange = (0.1, 5.0),
+    semantic_size: Size | None = None,
 ) -> Views:
-    """A batch of one from a reference and its sources, resized to `size` without cropping.
+    """A batch of one from a reference and its sources, whole frames stretched to `size`.
 
     The reference's depth, where it has one, goes along for models that read sensor depth.
+    semantic_size: the paper leaves open whether SAM sees the network's pictures enlarged or the
+    photos themselves. We chose the former (None); (1024, 768) hands SAM each photo at that size.
     """
+    photos = [frame.image for frame in frames]
     intrinsics = [resize_intrinsics(frame.intrinsics, frame.size, size) for frame in frames]
     measured = frames[0].depth
     return Views(
-        images=torch.stack([area_resize(frame.image, size) for frame in frames])[None],
+        images=_resized(photos, size),
         intrinsics=torch.from_numpy(np.stack(intrinsics)).float()[None],
         world_from_cam=torch.from_numpy(np.stack([f.world_from_cam for f in frames])).float()[None],
         depth_range=torch.tensor([depth_range], dtype=torch.float32),
         measured_depth=None if measured is None else _depth_tensor(measured, size),
+        semantic_images=None if semantic_size is None else _resized(photos, semantic_size),
     )
+
+
+def _resized(photos: Sequence[np.ndarray], size: Size) -> torch.Tensor:
+    return torch.stack([area_resize(photo, size) for photo in photos])[None]
 
 
 def make_targets(frame: Frame, size: Size = (320, 256)) -> Targets:
@@ -57,7 +74,11 @@ class TupleDataset(Dataset[Sample]):
     """Every view tuple of some scenes, as batches of one.
 
     `tuples_per_scene` keeps at most so many of each scene, evenly spaced. `skipped` lists the
-    frames ("scene: name") that no other frame overlaps, for the caller to warn about.
+    frames ("scene: name") that no other frame overlaps, for the caller to warn about. Scenes stay
+    open, because a procedural room that was dropped would be built again (about 2 MB each).
+    semantic_size: as `make_views`.
+    crop: the paper leaves open how 4:3 frames become 5:4 pictures. We chose to stretch the whole
+    frame; True cuts it centrally to the shape of `size`, photos and ground truth alike.
     """
 
     def __init__(
@@ -67,11 +88,14 @@ class TupleDataset(Dataset[Sample]):
         size: Size = (320, 256),
         depth_range: DepthRange = (0.1, 5.0),
         tuples_per_scene: int | None = None,
+        semantic_size: Size | None = None,
+        crop: bool = False,
     ):
-        self.scenes, self.size, self.depth_range = scenes, size, depth_range
+        self.scenes, self.size, self.depth_range = list(scenes), size, depth_range
+        self.semantic_size, self.crop = semantic_size, crop
         self.skipped: list[str] = []
         self._items: list[tuple[int, tuple[int, ...]]] = []
-        for index, scene in enumerate(scenes):
+        for index, scene in enumerate(self.scenes):
             tuples, skipped = view_tuples(scene, num_views, depth_range)
             self.skipped += [f"{scene.name}: {name}" for name in skipped]
             self._items += [(index, views) for views in evenly_spaced(tuples, tuples_per_scene)]
@@ -83,9 +107,11 @@ class TupleDataset(Dataset[Sample]):
         scene_index, views = self._items[index]
         scene = self.scenes[scene_index]
         frames = [scene.frame(view) for view in views]
+        if self.crop:
+            frames = [crop_to_shape(frame, self.size) for frame in frames]
         return (
             scene.name,
-            make_views(frames, self.size, self.depth_range),
+            make_views(frames, self.size, self.depth_range, self.semantic_size),
             make_targets(frames[0], self.size),
         )
 
@@ -94,6 +120,7 @@ def collate(samples: Sequence[Sample]) -> tuple[list[str], Views, Targets]:
     """One batch from samples of equal size and number of views, for a `DataLoader`."""
     names, views, targets = zip(*samples, strict=True)
     measured = [v.measured_depth for v in views if v.measured_depth is not None]
+    semantic = [v.semantic_images for v in views if v.semantic_images is not None]
     return (
         list(names),
         Views(
@@ -102,6 +129,7 @@ def collate(samples: Sequence[Sample]) -> tuple[list[str], Views, Targets]:
             world_from_cam=torch.cat([v.world_from_cam for v in views]),
             depth_range=torch.cat([v.depth_range for v in views]),
             measured_depth=torch.cat(measured) if len(measured) == len(views) else None,
+            semantic_images=torch.cat(semantic) if len(semantic) == len(views) else None,
         ),
         Targets(
             depth=torch.cat([t.depth for t in targets]),

@@ -11,12 +11,12 @@ from jaxtyping import Float, Float64, UInt8
 from PIL import Image
 
 from mvsam.errors import InputError
+from mvsam.geometry.depth_map import from_millimetres
 from mvsam.types import IGNORE
 
 PHOTO_MODES = ("RGB", "RGBA", "L", "LA", "P", "CMYK", "YCbCr")
 DEPTH_MODES = ("I;16", "I;16B", "I;16L", "I")  # "I" is what older Pillow calls a 16-bit PNG
 LABEL_MODES = ("L", "P")
-MILLIMETRES = 1000.0
 
 Size = tuple[int, int]
 
@@ -65,7 +65,7 @@ def load_photo(path: Path) -> UInt8[np.ndarray, "height width 3"]:
 
 def load_depth(path: Path) -> Float[np.ndarray, "height width"]:
     """Metres as float32 from 16-bit millimetres; 0 = unknown."""
-    return _decode(path, "depth map").astype(np.float32) / np.float32(MILLIMETRES)
+    return from_millimetres(_decode(path, "depth map"))
 
 
 def load_labels(path: Path, num_classes: int) -> UInt8[np.ndarray, "height width"]:
@@ -77,6 +77,11 @@ def load_labels(path: Path, num_classes: int) -> UInt8[np.ndarray, "height width
             "map the labels to these classes or describe yours in classes.json."
         )
     return labels
+
+
+def load_pixels(path: Path, kind: str) -> np.ndarray:
+    """A map's values as they are stored; `kind` is what the error calls it."""
+    return _decode(path, kind)
 
 
 def _decode(path: Path, kind: str, convert: str | None = None) -> np.ndarray:

@@ -12,22 +12,22 @@ from jaxtyping import Float
 
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.likeness import grey_thumbnail, likeness, thumbnail_intrinsics
+from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import Frame
 
 Poses = Float[np.ndarray, "camera 4 4"]
 DepthRange = tuple[float, float]
 Pair = tuple[int, int]
 
-FLIP_Y_AND_Z = np.diag([1.0, -1.0, -1.0, 1.0])
 AS_GIVEN = "as given"
 READINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     AS_GIVEN: lambda poses: poses,
     "world-to-camera; invert them": np.linalg.inv,
     "in OpenGL axes (y up, z backward); negate their second and third column": (
-        lambda poses: poses @ FLIP_Y_AND_Z
+        lambda poses: poses @ OPENCV_FROM_OPENGL
     ),
     "world-to-camera in OpenGL axes; invert them, then negate their second and third column": (
-        lambda poses: np.linalg.inv(poses) @ FLIP_Y_AND_Z
+        lambda poses: np.linalg.inv(poses) @ OPENCV_FROM_OPENGL
     ),
 }
 """What the poses may be, with the remedy -> the poses meant, camera-to-world in OpenCV axes."""

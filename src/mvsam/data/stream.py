@@ -1,18 +1,18 @@
 """An endless stream of training samples in which sample n depends on (seed, n) alone."""
 
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from torch.utils.data import Dataset, Sampler
 
 from mvsam.data.augment import jitter_colors, mirrored
-from mvsam.data.cache import cached_scene
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import collate, make_targets, make_views
 from mvsam.data.sampling import view_tuples
+from mvsam.data.transforms import crop_to_shape
 from mvsam.errors import InputError
 from mvsam.types import Scene, Targets, Views
 
@@ -32,6 +32,12 @@ class DataConfig:
     ("we repeat this M times", Sec. 3)."""
     size: tuple[int, int] = (320, 256)
     """(width, height) of the training pictures, pixels."""
+    crop: bool = False
+    """Cut frames centrally to the shape of `size`. The paper leaves open how 4:3 frames become 5:4
+    pictures; we stretch the whole frame."""
+    semantic_size: tuple[int, int] | None = None
+    """(width, height) of the photos for SAM, as 1024 768. The paper leaves open what it sees; we
+    give it the pictures of `size`, enlarged (none)."""
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres."""
     room_frames: int = 5
@@ -56,23 +62,27 @@ class SampleStream(Dataset[TrainingSample]):
     def __init__(self, config: DataConfig, seed: int):
         self.config, self.seed = config, seed
         self.scenes: Sequence[Scene] = open_data(
-            config.train, room_frames=config.room_frames, room_size=config.size
+            config.train,
+            room_frames=config.room_frames,
+            room_size=config.size,
+            cache=config.cache,
         )
         self._tuples: dict[int, list[tuple[int, ...]]] = {}
 
     def __getitem__(self, n: int) -> TrainingSample:
         epoch, position = divmod(n, len(self.scenes))
         index = int(_permutation(self.seed, epoch, len(self.scenes))[position])
-        scene, config = self._scene(index), self.config
+        scene, config = self.scenes[index], self.config
         tuples = self._full_tuples(index, scene)
         dice = np.random.default_rng((self.seed, n))
         frames = [scene.frame(index) for index in tuples[dice.integers(len(tuples))]]
+        if config.crop:
+            frames = [crop_to_shape(frame, config.size) for frame in frames]
         if config.mirror and dice.random() < 0.5:
             frames = [mirrored(frame) for frame in frames]
-        views = make_views(frames, config.size, config.depth_range)
+        views = make_views(frames, config.size, config.depth_range, config.semantic_size)
         if config.color_jitter:
-            images = jitter_colors(views.images[0], config.color_jitter, dice)
-            views = replace(views, images=images[None])
+            views = _recoloured(views, config.color_jitter, dice)
         if config.references > 1:  # measured depth belongs to view 0 alone
             views = replace(views, measured_depth=None)
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
@@ -91,20 +101,14 @@ class SampleStream(Dataset[TrainingSample]):
             self._tuples[index] = full
         return self._tuples[index]
 
-    def _scene(self, index: int) -> Scene:
-        scene = self.scenes[index]
-        folder = _room_cache(self.config)
-        return cached_scene(scene, folder) if folder else scene
 
-
-def _room_cache(config: DataConfig) -> Path | None:
-    """Where rendered rooms are kept; other data lie on a disk already."""
-    if config.cache is None or not config.train.startswith("rooms:"):
-        return None
-    from mvsam import rooms  # needs the extra `rooms`
-
-    width, height = config.size
-    return Path(config.cache) / f"v{rooms.VERSION}-{width}x{height}-{config.room_frames}frames"
+def _recoloured(views: Views, strength: float, dice: np.random.Generator) -> Views:
+    """The same new colours for both sizes of the pictures."""
+    images, semantic, again = views.images[0], views.semantic_images, deepcopy(dice)
+    if semantic is not None:
+        semantic = jitter_colors(semantic[0], strength, again)[None]
+    images = jitter_colors(images, strength, dice)[None]
+    return replace(views, images=images, semantic_images=semantic)
 
 
 @lru_cache(maxsize=2)

@@ -1,5 +1,7 @@
-"""Resizing photos, maps and intrinsics together, in the corner convention."""
+"""Resizing and cropping photos, maps and intrinsics together, in the corner convention."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -7,6 +9,8 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int, Shaped, UInt8
 from torch import Tensor
+
+from mvsam.types import Frame
 
 Size = tuple[int, int]
 """(width, height), pixels."""
@@ -66,3 +70,27 @@ def resize_intrinsics(
 ) -> Float[np.ndarray, "3 3"]:
     """Intrinsics of the resized picture; with corners at 0 no half pixel enters."""
     return intrinsics * np.array([[new[0] / old[0]], [new[1] / old[1]], [1.0]])
+
+
+def crop_to_shape(frame: Frame, size: Size) -> Frame:
+    """The largest central part of a frame that has the shape (width : height) of `size`.
+
+    Nothing is resized, so that the part is exact to the pixel.
+    """
+    width, height = frame.size
+    new_width = min(width, round(height * size[0] / size[1]))
+    new_height = min(height, round(width * size[1] / size[0]))
+    left, top = (width - new_width) // 2, (height - new_height) // 2
+    rows, columns = slice(top, top + new_height), slice(left, left + new_width)
+
+    def part(load: Callable[[], np.ndarray]) -> Callable[[], np.ndarray]:
+        return lambda: load()[rows, columns]
+
+    return replace(
+        frame,
+        size=(new_width, new_height),
+        intrinsics=frame.intrinsics - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]]),
+        load_image=part(frame.load_image),
+        load_depth=part(frame.load_depth) if frame.load_depth else None,
+        load_labels=part(frame.load_labels) if frame.load_labels else None,
+    )

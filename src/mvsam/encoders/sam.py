@@ -73,14 +73,19 @@ class SamEncoder(nn.Module):
             self.backbone.neck.requires_grad_(True)
 
     def forward(
-        self, images: Float[Tensor, "images 3 height width"]
-    ) -> Float[Tensor, "images channel quarter_height quarter_width"]:
-        """RGB in [0, 1] in, features at a quarter of the size out."""
+        self, images: Float[Tensor, "images 3 height width"], size: tuple[int, int] | None = None
+    ) -> Float[Tensor, "images channel feature_height feature_width"]:
+        """RGB in [0, 1] in, features out.
+
+        size: (height, width) of the features; None: a quarter of the images'. The paper leaves open
+        whether SAM sees the network's own pictures, which we chose, or the photos they were made
+        from: those may have any size, while the features still have to fit the former.
+        """
         height, width = images.shape[-2:]
         inner_height, inner_width = self.inner_size(height, width)
         tokens = self.tokens(self.prepare(images))
         valid = inner_height / self.patch_size, inner_width / self.patch_size
-        return resample_valid(tokens, valid, (height // 4, width // 4))
+        return resample_valid(tokens, valid, size or (height // 4, width // 4))
 
     def inner_size(self, height: int, width: int) -> tuple[int, int]:
         """(height, width) at which SAM sees the picture: the longer side is `input_side`."""
@@ -130,7 +135,7 @@ def resample_valid(
     y = y.clamp(0.5, max(valid[0] - 0.5, 0.5)) * (2 / rows) - 1
     x = x.clamp(0.5, max(valid[1] - 0.5, 0.5)) * (2 / columns) - 1
     grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)
-    grid = grid.expand(len(tokens), -1, -1, -1)
+    grid = grid.expand(tokens.shape[0], -1, -1, -1)  # not len(): it would fix the count at export
     # In float32: bfloat16 would round the positions by up to a third of a pixel.
     sampled = F.grid_sample(
         tokens.float(), grid, mode="bilinear", padding_mode="border", align_corners=False

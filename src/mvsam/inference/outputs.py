@@ -18,11 +18,10 @@ from PIL import Image
 from mvsam.data.labels import ClassTable, png_palette
 from mvsam.errors import InputError
 from mvsam.files import remove_partial_files, writable_folder, write_json, write_whole
+from mvsam.geometry.depth_map import to_millimetres
+from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.inference.pictures import preview
 from mvsam.types import Frame
-
-OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Both ways: flips y and z of the camera axes."""
 
 FILES = {
     "color": "color/{}.jpg",
@@ -189,8 +188,7 @@ def _given(values: np.ndarray | None) -> np.ndarray:
 
 
 def _depth_png(depth: Float[np.ndarray, "height width"]) -> Image.Image:
-    millimetres = np.clip(np.round(depth * 1000), 0, 65535)
-    return Image.fromarray(millimetres.astype(np.uint16))
+    return Image.fromarray(to_millimetres(depth))
 
 
 def _confidence_png(confidence: Float[np.ndarray, "height width"]) -> Image.Image:

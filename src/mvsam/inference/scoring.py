@@ -17,6 +17,7 @@ from mvsam.evaluation.evaluate import SceneScores, Scores
 from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics
 from mvsam.evaluation.protocols import PROTOCOLS, Protocol
 from mvsam.files import write_json
+from mvsam.geometry.depth_map import from_millimetres
 from mvsam.inference.outputs import OutputFolder
 from mvsam.types import Frame
 
@@ -57,7 +58,7 @@ def _score_photo(
 
     depth_scores = label_scores = None
     if "depth" in folder.kinds:
-        predicted = torch.from_numpy(written("depth").astype(np.float64) / 1000)
+        predicted = torch.from_numpy(from_millimetres(written("depth")))
         depth_scores = DepthMetrics.of_image(predicted, depth, protocol.valid_depth(depth))
     if "labels" in folder.kinds and num_classes is not None:
         predicted = torch.from_numpy(written("labels").astype(np.int64))

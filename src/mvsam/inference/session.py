@@ -85,12 +85,14 @@ class Session:
             self._encoded.move_to_end(frame.name)
             return self._encoded[frame.name]
         with self.stopwatch("read"):
-            views = make_views([frame], self.size, self.depth_range)
+            semantic_size = getattr(self.model, "semantic_size", None)
+            views = make_views([frame], self.size, self.depth_range, semantic_size)
             views = views.to(self.device)
         with self.stopwatch("encode"):
             features = _method(self.model, "encode")(views) if self.can_encode else None
         while len(self._encoded) >= self._remembered_photos:
             self._encoded.popitem(last=False)
+        views = replace(views, semantic_images=None)  # large, and encoded by now
         self._encoded[frame.name] = EncodedPhoto(views, features)
         return self._encoded[frame.name]
 

@@ -14,10 +14,9 @@ from jaxtyping import Float, UInt8
 from PIL import Image, UnidentifiedImageError
 
 from mvsam.errors import InputError
+from mvsam.geometry.depth_map import from_millimetres
+from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import IGNORE
-
-OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Both ways: flips y and z of the camera axes."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class DepthView:
 
     def depth(self) -> Float[np.ndarray, "height width"]:
         """Metres, 0 = unknown."""
-        return self._thinned(self.depth_path).astype(np.float32) / 1000
+        return from_millimetres(self._thinned(self.depth_path))
 
     def confidence(self) -> Float[np.ndarray, "height width"]:
         """0..1; one where the model gives none."""

@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
 
+from mvsam.files import write_whole
+from mvsam.geometry.depth_map import to_millimetres
 from mvsam.types import Frame, Scene
 
 
@@ -16,28 +18,32 @@ def export_posed_folder(scene: Scene, folder: Path) -> None:
     The calibration is written as OpenCV gives it, with integer pixel centres: our principal point
     minus 0.5.
     """
-    for name in ("color", "depth", "labels", "poses"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
     frames = [scene.frame(i) for i in range(len(scene))]
     opencv = frames[0].intrinsics.copy()
     opencv[:2, 2] -= 0.5
-    np.savetxt(folder / "intrinsics.txt", opencv, fmt="%.9g")
+    _write_matrix(folder / "intrinsics.txt", opencv)
     for frame in frames:
         _export_frame(frame, folder)
     lines = [" ".join(frames[i].name for i in view) for view in scene.views() or ()]
-    (folder / "views.txt").write_text(
-        "# reference, then sources, best first\n" + "\n".join(lines) + "\n"
-    )
+    text = "\n".join(["# reference, then sources, best first", *lines, ""])
+    write_whole(folder / "views.txt", lambda file: file.write(text.encode()))
 
 
 def _export_frame(frame: Frame, folder: Path) -> None:
-    Image.fromarray(frame.image).save(folder / "color" / f"{frame.name}.png")
-    np.savetxt(folder / "poses" / f"{frame.name}.txt", frame.world_from_cam, fmt="%.9g")
-    if frame.depth is not None:
-        millimetres = np.clip(np.rint(frame.depth * 1000), 0, 65535).astype(np.uint16)
-        Image.fromarray(millimetres).save(folder / "depth" / f"{frame.name}.png")
-    if frame.labels is not None:
-        Image.fromarray(frame.labels).save(folder / "labels" / f"{frame.name}.png")
+    _write_png(folder / "color" / f"{frame.name}.png", frame.image)
+    _write_matrix(folder / "poses" / f"{frame.name}.txt", frame.world_from_cam)
+    if (depth := frame.depth) is not None:
+        _write_png(folder / "depth" / f"{frame.name}.png", to_millimetres(depth))
+    if (labels := frame.labels) is not None:
+        _write_png(folder / "labels" / f"{frame.name}.png", labels)
+
+
+def _write_png(path: Path, pixels: np.ndarray) -> None:
+    write_whole(path, lambda file: Image.fromarray(pixels).save(file, format="PNG"))
+
+
+def _write_matrix(path: Path, matrix: np.ndarray) -> None:
+    write_whole(path, lambda file: np.savetxt(file, matrix, fmt="%.9g"))
 
 
 def preview_sheet(

@@ -1,6 +1,7 @@
 """The decoder's prompts: where a token lies, and how deep (the dense prompt of Sec. 3.3)."""
 
 import math
+from collections.abc import Callable
 
 import torch
 import torch.nn.functional as F
@@ -28,16 +29,32 @@ class PositionEncoding(nn.Module):
         return torch.cat([phase.sin(), phase.cos()], dim=-1).permute(2, 0, 1)
 
 
+DepthScale = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""(depth, d_min, d_max), metres -> what the prompt's first convolution sees, about -1 to 1."""
+
+
+def centred_depth(depth: Tensor, near: Tensor, far: Tensor) -> Tensor:
+    """-1 at d_min, 1 at d_max and beyond, evenly in depth."""
+    return (2 * (depth - near) / (far - near) - 1).clamp(-1, 1)
+
+
+def centred_disparity(depth: Tensor, near: Tensor, far: Tensor) -> Tensor:
+    """1 at d_min and nearer, -1 at d_max and beyond, evenly in 1 / depth."""
+    disparity = 1 / depth.clamp(near, far)  # clamped first: unknown depth is 0
+    return 2 * (disparity - 1 / far) / (1 / near - 1 / far) - 1
+
+
 class DepthPrompt(nn.Module):
     """A depth map as dense prompt: SAM's mask convolutions, one embedding per 4x4 pixels.
 
-    The paper says "a shallow convolutional network". Depth enters as
-    2 (d - d_min) / (d_max - d_min) - 1, clamped to [-1, 1]: a zero-centred unit range stays
-    visible beside the convolutions' biases.
+    The paper says "a shallow convolutional network".
+    scale: the paper leaves open in which scale depth enters; we chose `centred_depth`: a
+    zero-centred unit range stays visible beside the convolutions' biases.
     """
 
-    def __init__(self, channels: int = 256):
+    def __init__(self, channels: int = 256, scale: DepthScale = centred_depth):
         super().__init__()
+        self.scale = scale
         self.layers = nn.Sequential(
             nn.Conv2d(1, 4, 2, 2),
             LayerNorm2d(4),
@@ -54,8 +71,7 @@ class DepthPrompt(nn.Module):
         """Embeddings, and the cells that have any depth at all (0 = unknown)."""
         depth, has_depth = fill_cells(depth[:, None])
         near, far = (depth_range[:, i, None, None, None] for i in (0, 1))
-        scaled = (2 * (depth - near) / (far - near) - 1).clamp(-1, 1)
-        return self.layers(scaled), has_depth
+        return self.layers(self.scale(depth, near, far)), has_depth
 
 
 def fill_cells(
