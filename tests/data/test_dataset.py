@@ -1,11 +1,19 @@
+import sys
+
 import numpy as np
 import pytest
 import torch
 from torch.utils.data import DataLoader
 
+from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset, collate, make_targets, make_views
 from mvsam.data.posed_folder import PosedFolder
-from mvsam.data.transforms import area_resize, resize_intrinsics, resize_nearest
+from mvsam.data.transforms import (
+    area_resize,
+    crop_to_shape,
+    resize_intrinsics,
+    resize_nearest,
+)
 from mvsam.types import IGNORE
 from tests.synthetic import depth_of, labels_of, write_posed_folder
 
@@ -94,3 +102,29 @@ def test_collate_stacks_samples_in_order(tmp_path, depth):
         torch.testing.assert_close(targets.depth[item], truth.depth[0])
         torch.testing.assert_close(targets.labels[item], truth.labels[0])
     assert (views.measured_depth is not None) == depth
+
+
+def test_each_procedural_room_is_built_once(monkeypatch):
+    module, built = sys.modules["mvsam.rooms.scene"], []
+    build = module.build_room
+    monkeypatch.setattr(module, "build_room", lambda dice: (built.append(1), build(dice))[1])
+    rooms = open_data("rooms:val:50-56", room_frames=2, room_size=(32, 32))
+    dataset = TupleDataset(rooms, num_views=2, size=(32, 32), tuples_per_scene=1)
+    for index in range(len(dataset)):
+        dataset[index]
+    assert len(built) == len(dataset) == 6
+
+
+def test_a_dataset_may_crop_and_hand_out_larger_photos(tmp_path):
+    write_posed_folder(tmp_path, 2, (64, 48), views=True)
+    scene = PosedFolder(tmp_path)
+    dataset = TupleDataset([scene], size=SIZE, semantic_size=(64, 48), crop=True)
+    _, views, targets = next(iter(DataLoader(dataset, batch_size=2, collate_fn=collate)))
+    part = [crop_to_shape(scene.frame(index), SIZE) for index in range(2)]
+    expected = make_views(part, SIZE)
+    torch.testing.assert_close(views.images[0], expected.images[0])
+    torch.testing.assert_close(views.intrinsics[0], expected.intrinsics[0])
+    assert torch.equal(targets.labels[:1], make_targets(part[0], SIZE).labels)
+    assert views.semantic_images is not None and views.semantic_images.shape == (2, 2, 3, 48, 64)
+    torch.testing.assert_close(views.semantic_images[1, 0], area_resize(part[1].image, (64, 48)))
+    assert dataset[0][1].to("cpu").semantic_images is not None

@@ -121,3 +121,12 @@ def test_collating_stacks_samples_and_keeps_references_apart(config: DataConfig)
         for item in range(2):
             expected = stream[item][1][reference].depth[0]
             assert torch.equal(targets[reference].depth[item], expected)
+
+
+def test_photos_for_sam_are_recoloured_and_cropped_as_the_pictures_are(config: DataConfig):
+    config = replace(config, size=(32, 16), semantic_size=(32, 16), color_jitter=0.2, crop=True)
+    views, _ = SampleStream(config, seed=1)[0]
+    assert views.semantic_images is not None
+    torch.testing.assert_close(views.semantic_images, views.images)
+    larger, _ = SampleStream(replace(config, semantic_size=(64, 48)), seed=1)[0]
+    assert torch.equal(larger.images, views.images)

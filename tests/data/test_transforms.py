@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from mvsam.data.transforms import area_resize, resize_intrinsics, resize_nearest
+from mvsam.data.transforms import (
+    area_resize,
+    crop_to_shape,
+    resize_intrinsics,
+    resize_nearest,
+)
+from mvsam.types import Frame
 from tests.reference.resize import area_average, nearest
 from tests.synthetic import camera_intrinsics, camera_pose, render
 
@@ -70,3 +76,22 @@ def test_a_resized_photo_is_what_the_resized_camera_sees():
     # Half a small pixel of shift costs 0.7 % of depth.
     error = np.abs(resize_nearest(depth, small) - expected_depth) / expected_depth
     assert error.mean() < 0.002
+
+
+def test_a_crop_is_the_largest_central_part_of_the_wanted_shape():
+    pixels = np.arange(480)[:, None] + np.arange(640)[None] / 1000
+    frame = Frame(
+        name="0",
+        size=(640, 480),
+        intrinsics=np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]),
+        world_from_cam=np.eye(4),
+        load_image=lambda: np.zeros((480, 640, 3), np.uint8),
+        load_depth=lambda: pixels,
+    )
+    wide = crop_to_shape(frame, (320, 256))  # 5:4 of 480 rows are 600 columns
+    assert wide.size == (600, 480) and wide.image.shape == (480, 600, 3) and wide.labels is None
+    np.testing.assert_array_equal(wide.depth, pixels[:, 20:620])
+    assert wide.intrinsics.tolist() == [[500, 0, 300], [0, 500, 240], [0, 0, 1]]
+    high = crop_to_shape(frame, (320, 160))
+    assert high.size == (640, 320) and high.intrinsics[1, 2] == 160
+    np.testing.assert_array_equal(high.depth, pixels[80:400])

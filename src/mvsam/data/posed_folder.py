@@ -30,6 +30,10 @@ Files = dict[str, Path]
 """Stem -> file."""
 
 
+def is_posed_folder(path: Path) -> bool:
+    return (path / "color").is_dir()
+
+
 class PosedFolder:
     """A `Scene` of one posed folder.
 

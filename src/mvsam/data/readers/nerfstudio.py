@@ -31,6 +31,10 @@ _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
 log = logging.getLogger("mvsam")
 
 
+def is_nerfstudio(path: Path) -> bool:
+    return (path / FILE).is_file()
+
+
 def open_nerfstudio(path: Path) -> ListedScene:
     """The scene of a folder with a `transforms.json`; raises `InputError` for a broken one."""
     file = path / FILE

@@ -1,0 +1,164 @@
+"""ScanNet scans: raw (`SCENE.sens`, label zip), exported folders, and the 25k frames.
+
+Raw label ids (16 bits) become the 20 classes through scannetv2-labels.combined.tsv; 8-bit label
+pictures hold NYU40 ids already.
+"""
+
+import io
+import logging
+import zipfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image
+
+from mvsam.data.files import check_photo, load_depth, load_matrix, load_photo, load_pixels
+from mvsam.data.nyu40 import find_tsv, from_nyu40, from_raw
+from mvsam.data.readers.listed import ListedScene, checked
+from mvsam.data.readers.sens import SensFile
+from mvsam.data.register import read_at_pixels
+from mvsam.data.transforms import resize_nearest
+from mvsam.errors import InputError
+from mvsam.types import Frame
+
+_HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+_LARGEST_LABEL_PICTURE = 64 * 2**20
+
+log = logging.getLogger("mvsam")
+
+
+def is_sens(path: Path) -> bool:
+    return next(path.glob("*.sens"), None) is not None
+
+
+def open_sens(path: Path) -> ListedScene:
+    """The scan of a folder with one `.sens`, with its `*_2d-label-filt.zip` if that is there.
+
+    Frames whose tracking was lost are left out, with a message.
+    """
+    files = sorted(path.glob("*.sens"))
+    if len(files) > 1:
+        raise InputError(f"{path}: holds {len(files)} .sens files; keep one scan a folder.")
+    scan = SensFile(files[0])
+    tracked = [i for i, f in enumerate(scan.frames) if np.isfinite(f.world_from_cam).all()]
+    if len(tracked) < len(scan.frames):
+        lost = len(scan.frames) - len(tracked)
+        log.warning("%s: %d frames without tracking are left out.", path, lost)
+    labels = _zipped_labels(path, scan.header.color_size)
+    frames = [
+        checked(scan.frame(i, load_labels=labels.get(i)), f"{files[0]} frame {i}") for i in tracked
+    ]
+    return ListedScene(files[0].stem, frames)
+
+
+def is_scannet_folder(path: Path) -> bool:
+    return (path / "color").is_dir() and (path / "pose").is_dir()
+
+
+def open_scannet_folder(path: Path) -> ListedScene:
+    """An exported scan: color/, pose/, depth/, and label-filt/ or label/, files by frame number."""
+    photos = sorted(_numbered(path / "color", (".jpg", ".png")).items())
+    poses = _numbered(path / "pose", (".txt",))
+    depths = _numbered(path / "depth", (".png",))
+    label_folder = path / "label-filt" if (path / "label-filt").is_dir() else path / "label"
+    labels = _numbered(label_folder, (".png",))
+    color, depth = _matrix(path, "color"), _matrix(path, "depth") if depths else None
+    frames = []
+    for number, photo in photos:
+        if number not in poses:
+            raise InputError(f"{photo}: has no pose/{photo.stem}.txt; export the scan again.")
+        pose = load_matrix(poses[number], 4, 4, "pose")
+        if not np.isfinite(pose).all():
+            continue
+        size = check_photo(photo)
+        depth_file, label_file = depths.get(number), labels.get(number)
+        frame = Frame(
+            name=photo.stem,
+            size=size,
+            intrinsics=color.copy(),
+            world_from_cam=pose,
+            load_image=partial(load_photo, photo),
+            load_depth=partial(_load_depth, depth_file, depth, color, size) if depth_file else None,
+            load_labels=partial(_load_labels, label_file, size) if label_file else None,
+        )
+        frames.append(checked(frame, photo))
+    if len(frames) < len(photos):
+        lost = len(photos) - len(frames)
+        log.warning("%s: %d frames without tracking are left out.", path, lost)
+    return ListedScene(path.resolve().name, frames)
+
+
+def _matrix(path: Path, camera: str) -> Float[np.ndarray, "3 3"]:
+    """Of `intrinsic/intrinsic_color.txt` (exports) or `intrinsics_color.txt` (25k frames)."""
+    places = path / "intrinsic" / f"intrinsic_{camera}.txt", path / f"intrinsics_{camera}.txt"
+    for file in places:
+        if file.is_file():
+            return load_matrix(file, 4, 4, "intrinsics matrix")[:3, :3] + _HALF_PIXEL
+    raise InputError(
+        f"{path}: neither {places[0].relative_to(path)} nor {places[1].name} is there."
+    )
+
+
+def _numbered(folder: Path, suffixes: Sequence[str]) -> dict[int, Path]:
+    files: dict[int, Path] = {}
+    for file in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if file.suffix.lower() in suffixes and file.stem.isdecimal():
+            if int(file.stem) in files:
+                raise InputError(f"{file}: there are two files of frame {int(file.stem)}.")
+            files[int(file.stem)] = file
+    return files
+
+
+def _load_depth(
+    file: Path, depth_intrinsics: np.ndarray, intrinsics: np.ndarray, size: tuple[int, int]
+) -> Float[np.ndarray, "height width"]:
+    return read_at_pixels(load_depth(file), depth_intrinsics, intrinsics, size)
+
+
+def _load_labels(file: Path, size: tuple[int, int]) -> UInt8[np.ndarray, "height width"]:
+    return _to_classes(load_pixels(file, "label map"), file.parent, size, str(file))
+
+
+def _to_classes(
+    ids: np.ndarray, folder: Path, size: tuple[int, int], item: str
+) -> UInt8[np.ndarray, "height width"]:
+    if ids.ndim != 2:
+        raise InputError(f"{item}: the label map has colours; expected one number a pixel.")
+    labels = from_nyu40(ids) if ids.dtype == np.uint8 else from_raw(ids, find_tsv(folder))
+    return resize_nearest(labels, size)
+
+
+def _zipped_labels(path: Path, size: tuple[int, int]) -> dict:
+    """Loader of each frame's labels from the scan's zip; empty without one."""
+    archives = sorted(path.glob("*_2d-label-filt.zip")) or sorted(path.glob("*_2d-label.zip"))
+    if not archives:
+        return {}
+    find_tsv(path)  # now, not in the middle of a run
+    try:
+        with zipfile.ZipFile(archives[0]) as archive:
+            members = [m for m in archive.infolist() if m.filename.lower().endswith(".png")]
+    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        raise InputError(f"{archives[0]}: cannot be read ({error}); download it again.") from error
+    by_number = {Path(m.filename).stem: m for m in members}
+    return {
+        int(stem): partial(_load_zipped, archives[0], member.filename, size)
+        for stem, member in by_number.items()
+        if stem.isdecimal()
+    }
+
+
+def _load_zipped(
+    archive: Path, member: str, size: tuple[int, int]
+) -> UInt8[np.ndarray, "height width"]:
+    item = f"{archive}: {member}"
+    try:
+        with zipfile.ZipFile(archive) as file, file.open(member) as stream:
+            data = stream.read(_LARGEST_LABEL_PICTURE)
+        with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
+            ids = np.array(picture)
+    except Exception as error:  # zipfile and Pillow raise many kinds for damaged data
+        raise InputError(f"{item} cannot be read ({error}); download it again.") from error
+    return _to_classes(ids, archive.parent, size, item)
