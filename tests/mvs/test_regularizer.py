@@ -1,11 +1,13 @@
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 import torch
+from torch import nn
 
 from mvsam.mvs import regularizer
-from mvsam.mvs.regularizer import Conv3d, CostRegularizer
+from mvsam.mvs.regularizer import Conv3d, ConvTranspose3d, CostRegularizer, ScoreConv3d
 
 TRAINING_SHAPES = {
     "a coarse volume at its bottom": (2, 64, 2, 8, 10),
@@ -66,7 +68,7 @@ def train_in_another_process(shapes) -> None:
     """Memory that the faulty backward pass corrupts must not be this process's."""
     script = f"""
 import torch
-from mvsam.mvs.regularizer import Conv3d, CostRegularizer
+from mvsam.mvs.regularizer import Conv3d, ConvTranspose3d, CostRegularizer, ScoreConv3d
 from mvsam.weights import layout_channels_last
 torch.set_num_threads(1)
 for shape in {list(shapes)}:
@@ -124,3 +126,26 @@ def test_the_plane_limit_follows_the_processor(monkeypatch):
     monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: False)
     assert regularizer._fewest_bfloat16_planes() == 3
     regularizer._fewest_bfloat16_planes.cache_clear()
+
+
+@pytest.mark.parametrize("num_planes", [1, 2, 9])
+def test_scores_by_planes_are_those_of_the_3d_convolution(num_planes: int):
+    layer = ScoreConv3d(8, 1, 3, padding=1, bias=False)
+    volume = torch.randn(2, 8, num_planes, 6, 7)
+    torch.testing.assert_close(layer(volume), nn.Conv3d.forward(layer, volume))
+
+
+@pytest.mark.parametrize("kind", ["down", "same", "up"])
+def test_training_on_one_volume_has_the_gradients_of_plain_pytorch(kind: str):
+    layer = {
+        "down": Conv3d(4, 6, 3, 2, padding=1),
+        "same": Conv3d(4, 6, 3, padding=1, bias=False),
+        "up": ConvTranspose3d(4, 6, 3, 2, padding=1, output_padding=1),
+    }[kind]
+    plain = type(layer).__mro__[1].forward
+    volume = torch.randn(1, 4, 4, 6, 8)
+    actual = gradients(layer, volume, torch.float32)
+    layer.forward = partial(plain, layer)
+    expected = gradients(layer, volume, torch.float32)
+    for ours, theirs in zip(actual, expected, strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-4)

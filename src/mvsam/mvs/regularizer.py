@@ -4,22 +4,28 @@ from collections.abc import Callable
 from functools import cache
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from mvsam.convolution import convolve_by_onednn, fits_onednn
+
 
 class Conv3d(nn.Conv3d):
-    """A 3D convolution that steps around wrong gradients of bfloat16 on CPUs.
+    """`nn.Conv3d` that steps around wrong gradients and slow code of PyTorch on CPUs (docs/log.md).
 
     oneDNN's bfloat16 backward pass returns garbage for volumes of two planes on AVX-512 and
-    corrupts memory for wide ones of eight planes on AMX (torch 2.13 to 2.14, docs/log.md). Such
-    volumes are convolved in float32 while training; elsewhere this is `nn.Conv3d`.
+    corrupts memory for wide ones of eight planes on AMX (torch 2.13 to 2.14). Such volumes are
+    convolved in float32 while training. And one float32 volume of moderate depth would go to
+    PyTorch's old code, tens of times slower than oneDNN, and more so backwards.
     """
 
     def forward(
         self, volume: Float[Tensor, "batch _channel _plane _height _width"]
     ) -> Float[Tensor, "batch _channels _planes _rows _columns"]:
-        return _in_safe_precision(super().forward, volume)
+        if fits_onednn(volume):
+            return convolve_by_onednn(self, volume)
+        return _step_around(super().forward, volume)
 
 
 class ConvTranspose3d(nn.ConvTranspose3d):
@@ -28,19 +34,39 @@ class ConvTranspose3d(nn.ConvTranspose3d):
     def forward(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, volume: Float[Tensor, "batch _channel _plane _height _width"]
     ) -> Float[Tensor, "batch _channels _planes _rows _columns"]:
-        return _in_safe_precision(super().forward, volume)
+        if fits_onednn(volume):
+            return convolve_by_onednn(self, volume)
+        return _step_around(super().forward, volume)
 
 
-def _in_safe_precision(convolve: Callable[[Tensor], Tensor], volume: Tensor) -> Tensor:
-    is_risky = (
-        volume.device.type == "cpu"
-        and torch.is_grad_enabled()
-        and volume.shape[2] < _fewest_bfloat16_planes()
-    )
-    if not is_risky:
+def _step_around(convolve: Callable[[Tensor], Tensor], volume: Tensor) -> Tensor:
+    is_training = torch.is_grad_enabled() and not torch.compiler.is_compiling()
+    if volume.device.type != "cpu" or volume.dtype == torch.float64 or not is_training:
+        return convolve(volume)
+    if torch.is_autocast_enabled("cpu") and volume.shape[2] >= _fewest_bfloat16_planes():
         return convolve(volume)
     with torch.autocast("cpu", enabled=False):
-        return convolve(volume.float()).to(volume.dtype)
+        wide = volume.float()
+        if len(wide) == 1:  # a batch of two is what PyTorch leaves to oneDNN
+            return convolve(torch.cat([wide, torch.zeros_like(wide)]))[:1].to(volume.dtype)
+        return convolve(wide).to(volume.dtype)
+
+
+class ScoreConv3d(nn.Conv3d):
+    """A 3x3x3 convolution to one channel, as a 2D convolution of every plane to three.
+
+    Their sum over neighbouring planes is the same; oneDNN pads one output channel to eight or
+    more, so this way it does a third of the work.
+    """
+
+    def forward(
+        self, volume: Float[Tensor, "batch channel plane height width"]
+    ) -> Float[Tensor, "batch 1 plane height width"]:
+        planes = volume.transpose(1, 2)
+        kernels = self.weight[0].transpose(0, 1)  # one for the plane before, at and after
+        parts = F.conv2d(planes.flatten(0, 1), kernels, padding=1).unflatten(0, planes.shape[:2])
+        before, at, after = F.pad(parts, (0, 0, 0, 0, 0, 0, 1, 1)).unbind(2)
+        return (before[:, :-2] + at[:, 1:-1] + after[:, 2:])[:, None]
 
 
 @cache
@@ -86,7 +112,7 @@ class CostRegularizer(nn.Module):
         self.up2 = deconv3d_bn_relu(8 * base, 4 * base)
         self.up1 = deconv3d_bn_relu(4 * base, 2 * base)
         self.up0 = deconv3d_bn_relu(2 * base, base)
-        self.score = Conv3d(base, 1, 3, padding=1, bias=False)
+        self.score = ScoreConv3d(base, 1, 3, padding=1, bias=False)
 
     def forward(
         self, volume: Float[Tensor, "batch channel plane height width"]
@@ -95,7 +121,12 @@ class CostRegularizer(nn.Module):
         level0 = self.entry(volume)
         level1 = self.down1(level0)
         level2 = self.down2(level1)
-        x = self.up2(self.down3(level2)) + level2
-        x = self.up1(x) + level1
-        x = self.up0(x) + level0
+        x = _add(self.up2(self.down3(level2)), level2)
+        x = _add(self.up1(x), level1)
+        x = _add(self.up0(x), level0)
         return self.score(x)[:, 0]
+
+
+def _add(x: Tensor, skipped: Tensor) -> Tensor:
+    """x + skipped; in place where no gradient needs x."""
+    return x + skipped if torch.is_grad_enabled() else x.add_(skipped)

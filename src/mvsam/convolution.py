@@ -1,0 +1,90 @@
+"""Convolutions of prediction: batch norm inside the weights, the ReLU inside the convolution.
+
+On CPUs in float32 oneDNN is called directly. PyTorch's own choice for one 3D volume of moderate
+depth is its old code, which writes out 27 copies of the volume first (docs/log.md).
+"""
+
+import copy
+from itertools import pairwise
+from typing import TypeVar
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+AnyModule = TypeVar("AnyModule", bound=nn.Module)
+Convolution = nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d | nn.ConvTranspose3d
+
+
+def fold_batch_norm(model: AnyModule) -> AnyModule:
+    """A copy of the model for prediction: each batch norm multiplied into the convolution before.
+
+    Only convolutions, batch norms and ReLUs that follow each other in an `nn.Sequential` are
+    folded. All other weights are shared with `model`, which stays as it was and is the one to train
+    and to save; weights that change later do not reach the copy. Outputs are equal to float32
+    rounding, in evaluation mode.
+    """
+    shared = {id(tensor): tensor for tensor in (*model.parameters(), *model.buffers())}
+    folded = copy.deepcopy(model, shared)
+    for module in list(folded.modules()):
+        if isinstance(module, nn.Sequential):
+            _fold_children(module)
+    return folded.eval()
+
+
+def _fold_children(sequence: nn.Sequential) -> None:
+    layers = list(sequence)
+    for index, (layer, norm) in enumerate(pairwise(layers)):
+        if isinstance(layer, Convolution) and isinstance(norm, nn.BatchNorm2d | nn.BatchNorm3d):
+            has_relu = index + 2 < len(layers) and isinstance(layers[index + 2], nn.ReLU)
+            sequence[index] = FoldedConvolution(layer, norm, has_relu)
+            sequence[index + 1] = nn.Identity()
+            if has_relu:
+                sequence[index + 2] = nn.Identity()
+
+
+class FoldedConvolution(nn.Module):
+    """A convolution with the batch norm, and where there was one the ReLU, that followed it."""
+
+    def __init__(
+        self, convolution: Convolution, norm: nn.BatchNorm2d | nn.BatchNorm3d, has_relu: bool
+    ):
+        super().__init__()
+        with torch.no_grad():
+            self.convolution = fuse_conv_bn_eval(
+                convolution.eval(), norm.eval(), transpose=convolution.transposed
+            ).requires_grad_(False)
+        self.has_relu = has_relu
+
+    def forward(
+        self, x: Float[Tensor, "batch _channel *_size"]
+    ) -> Float[Tensor, "batch _channels *_sizes"]:
+        if fits_onednn(x):
+            return convolve_by_onednn(self.convolution, x, self.has_relu)
+        x = self.convolution(x)
+        return x.relu_() if self.has_relu else x
+
+
+def fits_onednn(x: Tensor) -> bool:
+    """Whether `convolve_by_onednn` can take this input, here and now."""
+    return (
+        x.device.type == "cpu"
+        and x.dtype == torch.float32
+        and not torch.is_grad_enabled()
+        and not torch.is_autocast_enabled("cpu")
+        and torch.backends.mkldnn.is_available()
+        and torch.backends.mkldnn.enabled
+        and not (torch.compiler.is_compiling() or torch.jit.is_tracing())
+    )
+
+
+def convolve_by_onednn(layer: Convolution, x: Tensor, has_relu: bool = False) -> Tensor:
+    """What `layer` gives, by oneDNN whatever PyTorch would choose; without a gradient."""
+    after, shape = "relu" if has_relu else "none", (layer.stride, layer.dilation, layer.groups)
+    arguments = (x, layer.weight, layer.bias, layer.padding)
+    if layer.transposed:
+        return torch.ops.mkldnn._convolution_transpose_pointwise(
+            *arguments, layer.output_padding, *shape, after, [], ""
+        )
+    return torch.ops.mkldnn._convolution_pointwise(*arguments, *shape, after, [], "")
