@@ -1,11 +1,17 @@
 """Eq. 2: the variance over the views of features warped to every depth hypothesis."""
 
+from collections.abc import Callable
+from importlib.util import find_spec
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from mvsam.geometry.warp import source_from_reference_pixels, warp_to_reference
-from mvsam.mvs.sweep import fits_kernel, sweep_variance
+from mvsam.mvs.sweep import fits_kernel, is_switched_off, sweep_variance
+
+HAS_TRITON = find_spec("triton") is not None
+"""It comes with PyTorch on Linux."""
 
 
 def variance_volume(
@@ -18,16 +24,44 @@ def variance_volume(
 
     `intrinsics` are those of the feature maps; hypotheses in metres. Samples outside a source view
     or behind its camera enter as zeros. The result is in the features' type; gradients go to the
-    features alone. On a CPU the compiled sweep does it; `textbook_variance_volume` says what.
+    features alone. One operation does it where there is a compiler for C++ (CPU) or Triton (GPU);
+    `textbook_variance_volume` says what.
     """
-    if not fits_kernel(features, hypotheses):
+    sweep = _fused_sweep(features, hypotheses)
+    if sweep is None:
         return textbook_variance_volume(features, intrinsics, world_from_cam, hypotheses)
-    identity = features.new_zeros((len(features), 12), dtype=torch.float64)  # not read
-    projections = [identity]
-    for view in range(1, features.shape[1]):
-        linear, offset = source_from_reference_pixels(intrinsics, world_from_cam, view)
-        projections.append(torch.cat([linear.flatten(1), offset], dim=1))
-    return sweep_variance(features, torch.stack(projections, dim=1), hypotheses)
+    return sweep(features, _projections(intrinsics, world_from_cam), hypotheses)
+
+
+def _fused_sweep(features: Tensor, hypotheses: Tensor) -> Callable[..., Tensor] | None:
+    if fits_kernel(features, hypotheses):
+        return sweep_variance
+    if (
+        features.device.type == "cuda"
+        and HAS_TRITON
+        and features.dtype in (torch.float32, torch.bfloat16, torch.float16)
+        and not torch.are_deterministic_algorithms_enabled()  # its gradient sums are atomic
+        and not is_switched_off()
+    ):
+        from mvsam.mvs import sweep_triton
+
+        return sweep_triton.sweep_variance
+    return None
+
+
+def _projections(
+    intrinsics: Float[Tensor, "batch view 3 3"], world_from_cam: Float[Tensor, "batch view 4 4"]
+) -> Float[Tensor, "batch view 12"]:
+    """A row by row, then b, of every view (`source_from_reference_pixels`); all in one go."""
+
+    def beside_reference(cameras: Tensor) -> Tensor:
+        pairs = torch.stack([cameras[:, :1].expand_as(cameras), cameras], dim=2)
+        return pairs.flatten(0, 1)
+
+    linear, offset = source_from_reference_pixels(
+        beside_reference(intrinsics), beside_reference(world_from_cam), source=1
+    )
+    return torch.cat([linear.flatten(1), offset], dim=1).unflatten(0, intrinsics.shape[:2])
 
 
 def textbook_variance_volume(

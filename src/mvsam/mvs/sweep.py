@@ -30,14 +30,18 @@ _FLAGS = (
 _log = logging.getLogger(__name__)
 
 
+def is_switched_off() -> bool:
+    """Whether `MVSAM_KERNEL=0` asks for plain PyTorch, on a CPU and on a GPU."""
+    return os.environ.get("MVSAM_KERNEL", "1") == "0"
+
+
 @cache
 def load_kernel() -> ctypes.CDLL | None:
     """The compiled kernel, or None (said once) where there is no C++ compiler.
 
     It is kept in `$MVSAM_CACHE` (default ~/.cache/mvsam), by source, flags and processor.
-    `MVSAM_KERNEL=0` switches it off.
     """
-    if os.environ.get("MVSAM_KERNEL", "1") == "0":
+    if is_switched_off():
         return None
     source = Path(__file__).with_name("sweep.cpp")
     compiler = which("c++") or which("g++") or which("clang++")
