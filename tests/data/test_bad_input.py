@@ -50,7 +50,7 @@ def test_a_folder_of_no_known_format_says_what_was_expected(tmp_path):
 
 
 def test_an_unknown_format_lists_the_known_ones(folder):
-    with pytest.raises(InputError, match="unknown format 'colmapp'; choose one of .*posed-folder"):
+    with pytest.raises(InputError, match=r"unknown format 'colmapp'; choose one of .*posed-folder"):
         open_scene(folder, "colmapp")
 
 

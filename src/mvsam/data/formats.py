@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mvsam.data.posed_folder import PosedFolder, is_posed_folder
+from mvsam.data.readers.colmap import is_colmap, open_colmap
 from mvsam.data.readers.nerfstudio import is_nerfstudio, open_nerfstudio
 from mvsam.data.readers.replica import is_replica, open_replica
 from mvsam.data.readers.scannet import (
@@ -15,6 +16,7 @@ from mvsam.data.readers.scannet import (
 )
 from mvsam.data.readers.seven_scenes import is_seven_scenes, open_seven_scenes
 from mvsam.data.readers.tum import is_tum, open_tum
+from mvsam.data.scaled import ScaledScene
 from mvsam.errors import InputError
 from mvsam.types import Scene
 
@@ -33,6 +35,7 @@ FORMATS = {
     "scannet": Format(is_scannet_folder, open_scannet_folder),
     "posed-folder": Format(is_posed_folder, PosedFolder),
     "nerfstudio": Format(is_nerfstudio, open_nerfstudio),
+    "colmap": Format(is_colmap, open_colmap),
     "tum": Format(is_tum, open_tum),
     "7-scenes": Format(is_seven_scenes, open_seven_scenes),
     "replica": Format(is_replica, open_replica),
@@ -40,8 +43,11 @@ FORMATS = {
 """By the name that `--format` takes; the first that matches a folder is taken."""
 
 
-def open_scene(path: str | Path, format: str | None = None) -> Scene:
-    """The scene stored at `path`; the format is found from the files unless it is named."""
+def open_scene(path: str | Path, format: str | None = None, scale: float = 1.0) -> Scene:
+    """The scene stored at `path`; the format is found from the files unless it is named.
+
+    scale: metres that one unit of the poses has; 1 for formats that are metric.
+    """
     path = Path(path)
     if not path.is_dir():
         is_file = "this is a file, not" if path.exists() else "there is no such folder as"
@@ -54,7 +60,8 @@ def open_scene(path: str | Path, format: str | None = None) -> Scene:
         )
     if name not in FORMATS:
         raise InputError(f"{path}: unknown format {name!r}; choose one of {', '.join(FORMATS)}.")
-    return FORMATS[name].open(path)
+    scene = FORMATS[name].open(path)
+    return scene if scale == 1.0 else ScaledScene(scene, scale)
 
 
 def find_format(path: Path) -> str | None:

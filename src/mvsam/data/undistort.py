@@ -1,13 +1,22 @@
 """Pictures of lenses that bend straight lines, resampled to the pinhole of the same matrix."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Shaped
 from torch import Tensor
+
+
+@runtime_checkable
+class Lens(Protocol):
+    """Anything that bends rays."""
+
+    def bend(self, rays: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
+        """Where the lens puts a straight ray, both at z = 1."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -61,7 +70,7 @@ def _series(t: np.ndarray, coefficients: tuple[float, ...]) -> np.ndarray:
 def undistort(
     pixels: Shaped[np.ndarray, "height width *channel"],
     intrinsics: Float[np.ndarray, "3 3"],
-    distortion: Distortion,
+    lens: Lens,
     outside: int | None = None,
 ) -> Shaped[np.ndarray, "height width *channel"]:
     """The picture that a pinhole with the same intrinsics (corner convention) would have taken.
@@ -70,7 +79,7 @@ def undistort(
     not be mixed (depth: 0, labels: 255); None: a photo, interpolated, black outside.
     """
     height, width = pixels.shape[:2]
-    grid = _grid(height, width, intrinsics, distortion)
+    grid = _grid(height, width, intrinsics, lens)
     is_photo = outside is None
     channels = pixels if pixels.ndim == 3 else pixels[..., None]
     image = torch.from_numpy(channels.astype(np.float64)).permute(2, 0, 1)[None]
@@ -86,10 +95,10 @@ def undistort(
     return result.reshape(pixels.shape).astype(pixels.dtype)
 
 
-def _grid(height: int, width: int, intrinsics: np.ndarray, distortion: Distortion) -> Tensor:
+def _grid(height: int, width: int, intrinsics: np.ndarray, lens: Lens) -> Tensor:
     column, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     pixels = np.stack([column, row, np.ones_like(row)], axis=-1)
     rays = (pixels @ np.linalg.inv(intrinsics).T)[..., :2]
-    bent = distortion.bend(rays)
+    bent = lens.bend(rays)
     places = np.concatenate([bent, np.ones_like(bent[..., :1])], axis=-1) @ intrinsics.T
     return torch.from_numpy(2 * places[..., :2] / (width, height) - 1)[None]

@@ -1,0 +1,89 @@
+"""COLMAP models, written here with pycolmap itself or as its text format documents."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mvsam.data.formats import open_scene
+from mvsam.errors import InputError
+from tests.synthetic import write_posed_folder
+
+pycolmap = pytest.importorskip("pycolmap")
+
+
+def write_colmap(path, model="PINHOLE", extra=(), folder="sparse/0"):
+    """Text files as COLMAP's documentation shows them; pixel centres at halves."""
+    truth = write_posed_folder(path / "source", extension="png")
+    (path / "images").mkdir()
+    (path / folder).mkdir(parents=True)
+    k = truth[0].intrinsics
+    if model == "PINHOLE":
+        params = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+    else:
+        params = [k[0, 0], k[0, 2], k[1, 2], *extra]
+    numbers = " ".join(repr(float(value)) for value in params)
+    (path / folder / "cameras.txt").write_text(f"# cameras\n1 {model} 64 48 {numbers}\n")
+    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"]
+    for index, view in enumerate(truth, start=1):
+        pose = pycolmap.Rigid3d(np.linalg.inv(view.world_from_cam)[:3])
+        x, y, z, w = pose.rotation.quat
+        numbers = " ".join(repr(float(value)) for value in (w, x, y, z, *pose.translation))
+        lines += [f"{index} {numbers} 1 {view.name}.png", ""]
+        Image.fromarray(view.image).save(path / f"images/{view.name}.png")
+    (path / folder / "images.txt").write_text("\n".join(lines) + "\n")
+    (path / folder / "points3D.txt").write_text("# none\n")
+    return truth
+
+
+@pytest.mark.parametrize("form", ["text", "binary", "bare"])
+def test_a_pinhole_model_comes_back(tmp_path, form, caplog):
+    truth = write_colmap(tmp_path)
+    if form == "binary":
+        pycolmap.Reconstruction(str(tmp_path / "sparse/0")).write_binary(str(tmp_path / "sparse/0"))
+        for file in (tmp_path / "sparse/0").glob("*.txt"):
+            file.unlink()
+    scene = open_scene(tmp_path / "sparse/0" if form == "bare" else tmp_path)
+    assert len(scene) == len(truth)
+    assert "--scale" in caplog.text
+    for index, view in enumerate(truth):
+        frame = scene.frame(index)
+        assert frame.name == view.name
+        np.testing.assert_allclose(frame.world_from_cam, view.world_from_cam, atol=1e-9)
+        np.testing.assert_allclose(frame.intrinsics, view.intrinsics)
+        np.testing.assert_array_equal(frame.image, view.image)
+
+
+def test_a_lens_is_taken_away_as_our_own_formula_does(tmp_path):
+    from mvsam.data.undistort import Distortion, undistort
+
+    truth = write_colmap(tmp_path, "RADIAL", (-0.2, 0.05))
+    frame = open_scene(tmp_path).frame(0)
+    expected = undistort(truth[0].image, frame.intrinsics, Distortion("brown", (-0.2, 0.05)))
+    np.testing.assert_array_equal(frame.image, expected)
+
+
+def test_a_scale_moves_the_cameras_alone(tmp_path):
+    truth = write_colmap(tmp_path)
+    frame = open_scene(tmp_path, scale=2.5).frame(2)
+    np.testing.assert_allclose(frame.world_from_cam[:3, 3], 2.5 * truth[2].world_from_cam[:3, 3])
+    np.testing.assert_allclose(frame.world_from_cam[:3, :3], truth[2].world_from_cam[:3, :3])
+    with pytest.raises(InputError, match="metres a unit"):
+        open_scene(tmp_path, scale=-1.0)
+
+
+def test_photos_that_are_not_there_or_of_another_size_are_named(tmp_path):
+    write_colmap(tmp_path)
+    Image.new("RGB", (32, 24)).save(tmp_path / "images/0001.png")
+    with pytest.raises(InputError, match=r"0001\.png: is 32x24"):
+        open_scene(tmp_path)
+    (tmp_path / "images").rename(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="put the photos there"):
+        open_scene(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["1 NO_SUCH_MODEL 64 48 1 2 3", "1 PINHOLE sixty 48"])
+def test_a_model_that_colmap_cannot_read_is_refused(tmp_path, text):
+    write_colmap(tmp_path)
+    (tmp_path / "sparse/0/cameras.txt").write_text(text)
+    with pytest.raises(InputError, match="cannot read this model"):
+        open_scene(tmp_path)
