@@ -25,7 +25,7 @@ def test_parameters_are_those_of_the_release():
 def test_chained_pooling_spreads_a_maximum_by_two_pixels_a_stage():
     pooling = ChainedPooling()
     for convolution in pooling.convolutions:
-        nn.init.dirac_(convolution.weight)
+        nn.init.dirac_(next(convolution.parameters()))
     x = torch.zeros(1, 256, 1, 21)
     x[..., 10] = 1.0
     expected = [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 4, 4, 3, 3, 2, 2, 1, 1, 0, 0]
@@ -57,7 +57,8 @@ def test_loss_is_half_cross_entropy_and_half_reverse_huber():
 
 def test_depth_is_never_negative():
     model = MtRefineNet(2).eval()
-    nn.init.constant_(model.head["depth"][-1].bias, -1.0)
+    *_, bias = model.head["depth"].parameters()
+    nn.init.constant_(bias, -1.0)
     with torch.no_grad():
         depth = model(random_views(num_views=1)).depth
     assert depth is not None and depth.eq(0).all()
@@ -68,8 +69,8 @@ def test_depth_learns_from_the_first_step_on(seed: int):
     torch.manual_seed(seed)
     model, views = MtRefineNet(20), random_views(batch=2, num_views=1)
     MtRefineNetLoss()(model(views), random_targets(2), views.depth_range)["depth"].backward()
-    gradient = model.head["depth"][-1].bias.grad
-    assert gradient is not None and gradient.abs() > 0.01
+    *_, bias = model.head["depth"].parameters()
+    assert bias.grad is not None and bias.grad.abs() > 0.01
 
 
 def test_the_encoder_learns_at_a_tenth_of_the_decoder_s_rate():

@@ -39,7 +39,7 @@ def test_parameters_are_those_of_the_release():
 
 def test_a_mask_of_ones_hands_the_shared_features_to_the_head(small: Mtan):
     views, seen = random_views(num_views=1), {}
-    last = small.attention["depth"][-1]
+    last = small.attention["depth"][-1]  # pyright: ignore
     nn.init.zeros_(last[-2].weight)
     nn.init.constant_(last[-2].bias, 100.0)
     small.head["depth"].register_forward_pre_hook(lambda _, inputs: seen.update(depth=inputs[0]))
@@ -53,7 +53,7 @@ def test_a_mask_of_one_task_leaves_the_other_alone(small: Mtan):
     views = random_views(num_views=1)
     with torch.no_grad():
         before = small(views)
-        small.attention["semantics"][0][-2].bias += 1.0
+        small.attention["semantics"][0][-2].bias += 1.0  # pyright: ignore
         after = small(views)
     assert torch.equal(before.depth, after.depth)
     assert not torch.equal(before.logits, after.logits)

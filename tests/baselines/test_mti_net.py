@@ -53,7 +53,7 @@ def test_coarse_scales_inform_finer_ones_and_not_the_other_way():
     model, views = MtiNet(5).eval(), random_views(num_views=1)
     with torch.no_grad():
         before = model(views).auxiliary
-        model.initial[2].features["depth"][-1].bn2.bias += 1.0
+        model.initial[2].features["depth"][-1].bn2.bias += 1.0  # pyright: ignore
         after = model(views).auxiliary
     changed = [not torch.equal(a.logits, b.logits) for a, b in zip(before, after, strict=True)]
     assert changed == [True, True, False, False]  # at 1/16 only depth itself changed

@@ -46,9 +46,12 @@ def test_resizing_is_bilinear_between_pixel_centres():
 def test_a_task_receives_what_the_gate_lets_through_of_the_other():
     distillation = Distillation(3)
     for task, gain in (("semantics", 2.0), ("depth", 4.0)):
-        torch.nn.init.dirac_(distillation.message[task].weight)
-        distillation.message[task].weight.data *= gain
-        torch.nn.init.zeros_(distillation.gate[task].weight)  # sigmoid(0) is a half
+        (message,), (gate,) = (
+            part[task].parameters() for part in (distillation.message, distillation.gate)
+        )
+        torch.nn.init.dirac_(message)
+        message.data *= gain
+        torch.nn.init.zeros_(gate)  # sigmoid(0) is a half
     features = {"semantics": torch.rand(1, 3, 4, 4), "depth": torch.rand(1, 3, 4, 4)}
     told = distillation(features)
     torch.testing.assert_close(told["semantics"], features["semantics"] + 2 * features["depth"])
@@ -57,8 +60,9 @@ def test_a_task_receives_what_the_gate_lets_through_of_the_other():
 
 def test_scales_are_stacked_finest_first_at_the_finest():
     fusion = ScaleFusion(3).eval()
-    torch.nn.init.dirac_(fusion[0].weight)
-    torch.nn.init.zeros_(fusion[0].bias)
+    weight, bias = fusion[0].parameters()
+    torch.nn.init.dirac_(weight)
+    torch.nn.init.zeros_(bias)
     fine, coarse = torch.rand(1, 1, 4, 4), torch.rand(1, 2, 1, 1)
     fused = fusion([fine, coarse])
     # A fresh batch norm divides by sqrt(1 + 1e-5).

@@ -30,7 +30,7 @@ def test_each_task_s_final_depth_hears_of_the_other_task():
     model, views = PadNet(5).eval(), random_views(num_views=1)
     with torch.no_grad():
         before = model(views)
-        model.initial["semantics"][-1].bn3.bias += 1.0
+        model.initial["semantics"][-1].bn3.bias += 1.0  # pyright: ignore
         after = model(views)
     assert not torch.equal(before.depth, after.depth)
     assert torch.equal(before.auxiliary[0].depth, after.auxiliary[0].depth)

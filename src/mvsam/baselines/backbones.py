@@ -86,8 +86,8 @@ def mobilenet_v2(imagenet: str | None = None) -> tuple[nn.Sequential, str]:
     released = models.MobileNet_V2_Weights.IMAGENET1K_V1.get_state_dict
     weights = load_imagenet(features, imagenet, released, prefix="features.")
     expansion = Conv2dNormActivation(32, 32, kernel_size=1, activation_layer=nn.ReLU6)
-    nn.init.dirac_(expansion[0].weight)
-    features[1].conv.insert(0, expansion)
+    nn.init.dirac_(next(expansion.parameters()))
+    features[1] = nn.Sequential(expansion, features[1])
     return features, weights
 
 

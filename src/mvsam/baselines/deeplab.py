@@ -26,9 +26,11 @@ class SummedDilations(nn.Module):
             nn.Conv2d(in_channels, num_classes, 3, padding=rate, dilation=rate)
             for rate in (6, 12, 18, 24)
         )
-        for convolution in self.convolutions:
-            nn.init.normal_(convolution.weight, std=0.01)
-            nn.init.zeros_(convolution.bias)
+        for name, parameter in self.named_parameters():
+            if name.endswith("weight"):
+                nn.init.normal_(parameter, std=0.01)
+            else:
+                nn.init.zeros_(parameter)
 
     def forward(
         self, x: Float[Tensor, "batch channel height width"]

@@ -127,7 +127,8 @@ def _initialize(model: MtRefineNet) -> None:
     for module in (m for part in decoder for m in part.modules()):
         if isinstance(module, nn.Conv2d):
             nn.init.normal_(module.weight, std=0.01)
-    nn.init.ones_(model.head["depth"][-1].bias)
+    *_, bias = model.head["depth"].parameters()
+    nn.init.ones_(bias)
 
 
 @dataclass(frozen=True)

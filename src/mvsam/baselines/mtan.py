@@ -5,6 +5,7 @@ publication's own base, SegNet trained from scratch, is unlikely to reach the 56
 paper reports, so this is the form with a pre-trained backbone.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import torch
@@ -46,7 +47,7 @@ class Mtan(Model):
         """Depth and logits at the picture's size; sides must be divisible by 8."""
         shared = self._shared_features(reference_image(views, divisor=8))
         final = {
-            task: head(self._attend(self.attention[task], shared))
+            task: head(self._attend([*self.attention[task].children()], shared))
             for task, head in self.head.items()
         }
         return resize_prediction(as_prediction(final), (views.height, views.width))
@@ -56,21 +57,21 @@ class Mtan(Model):
         out = self.backbone.stem(image)
         features = []
         for stage in self.backbone.stages:
-            before = stage[:-1](out)
-            out = stage[-1](before)
+            *blocks, last = stage.children()
+            before = nn.Sequential(*blocks)(out)
+            out = last(before)
             features.append((before, out))
         return features
 
-    def _attend(self, attention: nn.ModuleList, shared: list[tuple[Tensor, Tensor]]) -> Tensor:
+    def _attend(self, masks: Sequence[nn.Module], shared: list[tuple[Tensor, Tensor]]) -> Tensor:
         """One task's way through the stages: its mask on each, the refined result to the next."""
         before, out = shared[0]
-        attended = attention[0](before) * out
+        attended = masks[0](before) * out
         for stage, (before, out) in enumerate(shared[1:], start=1):
             refined = self.refinement[stage - 1](attended)
             if stage == 1:
                 refined = self.halve(refined)  # the only later stage that shrinks
-            mask = attention[stage](torch.cat([before, refined], dim=1))
-            attended = mask * out
+            attended = masks[stage](torch.cat([before, refined], dim=1)) * out
         return attended
 
 

@@ -52,5 +52,5 @@ class SegNet(Model):
             else:
                 x = layer(x)
         for layers, (indices, size) in zip(self.decoder, reversed(pooled), strict=True):
-            x = layers(F.max_unpool2d(x, indices, 2, output_size=size))
+            x = layers(F.max_unpool2d(x, indices, [2, 2], output_size=size))
         return Prediction(logits=self.head(x).float())
