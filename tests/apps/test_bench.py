@@ -12,6 +12,7 @@ from mvsam.apps.bench.clock import StageClock
 from mvsam.apps.bench.forms import FORMS, our_model, repeat_all, share_features, textbook_model
 from mvsam.apps.bench.measure import Measurement, measure, run_case
 from mvsam.apps.bench.report import ratios, tables
+from mvsam.apps.bench.scaling import cases_along, fit_line
 from mvsam.build import MODELS
 from mvsam.commands.bench import Bench
 from mvsam.errors import InputError
@@ -35,7 +36,7 @@ def test_a_case_in_a_process_of_its_own_reports_every_box_and_its_memory():
     assert sum(measured.stages[name] for name in regularizers) < measured.stages["cascade"]
     # 934,304 parameters of four bytes and the statistics of the batch norms.
     assert 3.56 < measured.weights_mib < 3.6
-    assert 0 < measured.working_mib <= measured.working_mib_all_references
+    assert measured.working_mib > 0
     assert measured.libraries_mib > 50
 
 
@@ -60,7 +61,7 @@ def test_both_forms_predict_the_same(small_models):
     views = synthetic_views(case)
     ours, textbook = our_model("tiny", "predict"), textbook_model("tiny", "predict")
     with torch.inference_mode():
-        mine, theirs = share_features(ours, views), repeat_all(textbook, views)
+        mine, theirs = share_features(ours, views, 3), repeat_all(textbook, views, 3)
     assert len(mine) == len(theirs) == 3
     for a, b in zip(mine, theirs, strict=True):
         # Random weights: logits of a few tenths, depths in metres.
@@ -79,7 +80,7 @@ def test_only_the_textbook_form_encodes_the_views_for_every_reference(
             calls[box] += 1
 
         getattr(model, box).register_forward_hook(count)
-    FORMS[form].every_reference(model, synthetic_views(replace(SMALL, num_views=4)))
+    FORMS[form].predict(model, synthetic_views(replace(SMALL, num_views=4)), 4)
     assert calls == {"semantic_encoder": encoded, "cascade": 4}
 
 
@@ -99,7 +100,7 @@ def test_the_clock_adds_up_what_runs_inside_a_stage(monkeypatch: pytest.MonkeyPa
 def fake(form, precision, seconds: float, working: float = 100.0) -> Measurement:
     case = Case("tiny", form, precision=precision)
     stages = {"cascade": seconds / 2, "cascade.regularizers.0": seconds / 4}
-    return Measurement(case, seconds, 3 * seconds, stages, working, 2 * working, 4.0, 300.0)
+    return Measurement(case, seconds, stages, working, weights_mib=4.0, libraries_mib=300.0)
 
 
 def test_ratios_hold_ours_against_the_textbook_in_equal_precision_and_in_float32():
@@ -110,9 +111,11 @@ def test_ratios_hold_ours_against_the_textbook_in_equal_precision_and_in_float32
     ]
     found = {ratio.against: ratio for ratio in ratios(measured)}
     assert set(found) == {"bfloat16", "float32"}
-    assert found["bfloat16"].seconds == 3 and found["float32"].seconds_all_references == 8
+    assert found["bfloat16"].seconds == 3 and found["float32"].seconds == 8
     assert found["bfloat16"].working_memory == 2.5
-    assert found["float32"].stages["regularizers"] == 8
+    assert found["float32"].stages == {
+        stage: 8 for stage in ("cascade", "cascade.regularizers.0", "regularizers")
+    }
     (table,) = tables(measured)
     assert table.row_count == 5
 
@@ -134,7 +137,13 @@ def test_the_same_precision_is_not_measured_twice():
     with mock.patch("mvsam.precision.has_native_bfloat16", return_value=False):
         cases = Bench(device="cpu").cases()
     assert {case.precision for case in cases} == {"float32"}
-    assert len(cases) == len(set(cases)) == 8
+    assert len(cases) == len(set(cases)) == 16
+
+
+def test_a_model_that_reads_measured_depth_has_one_reference():
+    cases = Bench(models=("sam_semantic_gt_depth", "tiny"), views=5, device="cpu").cases()
+    references = {(case.model, case.num_references) for case in cases}
+    assert references == {("sam_semantic_gt_depth", 1), ("tiny", 1), ("tiny", 5)}
 
 
 def test_textbook_training_in_bfloat16_is_left_out_on_a_cpu():
@@ -155,3 +164,25 @@ def test_views_bring_measured_depth_where_the_model_reads_it(name: str):
     views, targets = synthetic_views(case), synthetic_targets(case)
     assert (views.measured_depth is not None) == ("measured depth" in MODELS[name].inputs)
     assert targets.depth.shape == (1, 64, 64)
+
+
+def test_the_line_says_how_far_the_worst_point_is_off():
+    exact = fit_line([1.0, 2.0, 3.0], [3.0, 5.0, 7.0])
+    assert (exact.intercept, exact.slope) == pytest.approx((1, 2))
+    assert exact.largest_deviation == pytest.approx(0, abs=1e-9)
+    bent = fit_line(
+        [1.0, 2.0, 3.0], [3.0, 6.0, 7.0]
+    )  # the line is 4/3 + 2 x: off by 1/3 in 3, by 2/3 in 6
+    assert bent.largest_deviation == pytest.approx(1 / 9)
+
+
+def test_scaling_changes_one_thing_at_a_time_and_the_planes_of_every_stage_alike():
+    axes = cases_along(SMALL)
+    assert [case for _, case in axes["views"]] == [
+        replace(SMALL, num_views=count) for count in (2, 3, 4, 6, 8)
+    ]
+    for place, case in axes["planes"]:
+        assert case.num_planes is not None
+        assert [planes / place for planes in case.num_planes] == pytest.approx([1, 2 / 3, 1 / 3])
+        assert all(planes % 8 == 0 for planes in case.num_planes)
+    assert all(case.width % 32 == case.height % 32 == 0 for _, case in axes["megapixels"])

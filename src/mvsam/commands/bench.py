@@ -20,7 +20,7 @@ class Bench:
     Textbook is how published code runs the same weights: every view warped into a volume of its
     own, default layout, batch norm as a layer, every reference encoding all views anew. Rows
     "against" say how many times as much it takes. "MiB" is the peak beyond libraries and weights;
-    a training step is forward, backward and AdamW on a batch of one. Weights are random: speed does
+    a training step is forward, backward and AdamW on one sample. Weights are random: speed does
     not depend on them. Every case has a process of its own.
 
     Example: mvsam bench --models tiny cas_mvsnet --views 3
@@ -40,6 +40,8 @@ class Bench:
     """Pixels."""
     height: int = 256
     """Pixels."""
+    references: tuple[Literal["one", "all"], ...] = ("one", "all")
+    """The first photo as reference, every photo in turn."""
     repeats: int = 3
     """The median of so many runs counts."""
     device: Device = "auto"
@@ -79,17 +81,26 @@ class Bench:
                 print_table(table)
 
     def cases(self) -> list[Case]:
-        """Every combination of the options that is sound."""
-        from mvsam.apps.bench.cases import Case, is_sound
+        """Every combination of the options that is sound, each once."""
+        from mvsam.apps.bench.cases import Case, is_sound, most_references
         from mvsam.commands.shared import find_device
         from mvsam.precision import resolve
 
         device = find_device(self.device)
-        precisions = dict.fromkeys(resolve(precision, device) for precision in self.precisions)
-        size = (self.views, self.width, self.height)
-        combinations = product(self.work, self.models, precisions, self.forms)
+        combinations = product(self.work, self.models, self.precisions, self.references, self.forms)
         cases = [
-            Case(model, form, work, precision, *size, repeats=self.repeats, device=device)
-            for work, model, precision, form in combinations
+            Case(
+                model,
+                form,
+                work,
+                resolve(precision, device),
+                self.views,
+                most_references(model, self.views) if references == "all" else 1,
+                self.width,
+                self.height,
+                repeats=self.repeats,
+                device=device,
+            )
+            for work, model, precision, references, form in combinations
         ]
-        return [case for case in cases if is_sound(case)]
+        return [case for case in dict.fromkeys(cases) if is_sound(case)]

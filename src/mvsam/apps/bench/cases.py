@@ -24,6 +24,8 @@ class Case:
     work: Work = "predict"
     precision: Literal["float32", "bfloat16"] = "float32"
     num_views: int = 3
+    num_references: int = 1
+    """How many views serve as reference in turn."""
     width: int = 320
     height: int = 256
     num_planes: tuple[int, ...] | None = None
@@ -54,6 +56,15 @@ def check_case(case: Case) -> None:
         raise InputError("--views and --repeats must be 1 or more.")
 
 
+def most_references(model: str, num_views: int) -> int:
+    """Every view can be the reference; a measured depth belongs to view 0 alone."""
+    return 1 if _reads_depth(model) else num_views
+
+
+def _reads_depth(model: str) -> bool:
+    return "measured depth" in model_spec(model).inputs
+
+
 def synthetic_views(case: Case) -> Views:
     """Random pictures from cameras 10 cm apart; speed does not depend on what they show."""
     count, width, height = case.num_views, case.width, case.height
@@ -61,13 +72,12 @@ def synthetic_views(case: Case) -> Views:
     intrinsics = torch.tensor([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     world_from_cam = torch.eye(4).repeat(count, 1, 1)
     world_from_cam[:, 0, 3] = 0.1 * torch.arange(count)
-    needs_depth = "measured depth" in model_spec(case.model).inputs
     return Views(
         images=torch.rand(1, count, 3, height, width),
         intrinsics=intrinsics.expand(1, count, 3, 3),
         world_from_cam=world_from_cam[None],
         depth_range=torch.tensor([[0.1, 5.0]]),
-        measured_depth=torch.full((1, height, width), 2.0) if needs_depth else None,
+        measured_depth=torch.full((1, height, width), 2.0) if _reads_depth(case.model) else None,
     )
 
 

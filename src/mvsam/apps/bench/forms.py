@@ -13,10 +13,10 @@ from mvsam.weights import layout_channels_last
 
 @dataclass(frozen=True)
 class Form:
-    """How a model is made ready, and how it takes its views as reference in turn."""
+    """How a model is made ready, and how it takes its first views as reference in turn."""
 
     prepare: Callable[[str, Work], Model]
-    every_reference: Callable[[Model, Views], list[Prediction]]
+    predict: Callable[[Model, Views, int], list[Prediction]]
 
 
 def our_model(name: str, work: Work) -> Model:
@@ -46,22 +46,17 @@ def write_attention_out(model: Model) -> None:
         block.attn.fused_attn = False
 
 
-def share_features(model: Model, views: Views) -> list[Prediction]:
-    """Every view as reference; a model that can encode apart does so once."""
-    if not isinstance(model, MultiViewSAM):
-        return repeat_all(model, views)
+def share_features(model: Model, views: Views, num_references: int) -> list[Prediction]:
+    """View 0, 1, ... as reference; a model that can encode apart does so once."""
+    if not isinstance(model, MultiViewSAM) or num_references == 1:
+        return repeat_all(model, views, num_references)
     features = model.encode(views)
-    return [model.decode(features, views, reference) for reference in _references(views)]
+    return [model.decode(features, views, reference) for reference in range(num_references)]
 
 
-def repeat_all(model: Model, views: Views) -> list[Prediction]:
-    """Every view as reference in a call of its own, which encodes all views anew."""
-    return [model(views.with_reference(reference)) for reference in _references(views)]
-
-
-def _references(views: Views) -> range:
-    """A measured depth belongs to view 0 alone."""
-    return range(1 if views.measured_depth is not None else views.num_views)
+def repeat_all(model: Model, views: Views, num_references: int) -> list[Prediction]:
+    """View 0, 1, ... as reference, each in a call of its own that encodes all views anew."""
+    return [model(views.with_reference(reference)) for reference in range(num_references)]
 
 
 FORMS: dict[FormName, Form] = {

@@ -17,7 +17,7 @@ from mvsam.mvs.sweep import load_kernel
 from mvsam.precision import autocast
 from mvsam.training.losses import JointLoss
 from mvsam.training.optim import OptimizerConfig, make_optimizer
-from mvsam.types import Model, Prediction
+from mvsam.types import Model
 
 MIB = 2**20
 REGULARIZERS = tuple(f"cascade.regularizers.{stage}" for stage in range(3))
@@ -32,19 +32,16 @@ regularizers. While training, `forward`, `backward` and `optimizer` are timed ap
 
 @dataclass(frozen=True)
 class Measurement:
-    """Seconds (medians, but for the stages) and memory of one case."""
+    """Seconds and memory of one case."""
 
     case: Case
     seconds: float
-    """One reference, encoders included; in training a step of one reference."""
-    seconds_all_references: float
-    """Every view as reference in turn; in training one step of them all."""
+    """Of one call, encoders included, or of one training step: the median."""
     stages: dict[str, float]
-    """Mean seconds inside each stage of a call like that of `seconds`."""
+    """Of it inside each stage: means."""
     working_mib: float
-    """Peak memory of one reference beyond libraries and weights; in training, gradients and the
-    optimiser's state are part of it."""
-    working_mib_all_references: float
+    """Peak memory beyond libraries and weights; in training, gradients and the optimiser's state
+    are part of it."""
     weights_mib: float
     """Parameters and buffers."""
     libraries_mib: float
@@ -78,54 +75,43 @@ def measure(case: Case) -> Measurement:
     before = peak_memory(case.device)
     clock = StageClock(case.device)
     work = training if case.work == "train" else predicting
-    one, every = work(case, model, form, clock)
-    one()  # warm up
+    call = work(case, model, form, clock)
+    call()  # warm up
     clock.seconds.clear()
-    seconds = clock.median_seconds(one, case.repeats)
-    stages = {stage: total / case.repeats for stage, total in clock.seconds.items()}
-    working = peak_memory(case.device) - before
+    seconds = clock.median_seconds(call, case.repeats)
     return Measurement(
         case,
-        seconds=seconds,
-        seconds_all_references=clock.median_seconds(every, case.repeats),
-        stages=stages,
-        working_mib=working / MIB,
-        working_mib_all_references=(peak_memory(case.device) - before) / MIB,
+        seconds,
+        stages={stage: total / case.repeats for stage, total in clock.seconds.items()},
+        working_mib=(peak_memory(case.device) - before) / MIB,
         weights_mib=weights / MIB,
         libraries_mib=libraries / MIB,
     )
 
 
-Calls = tuple[Callable[[], None], Callable[[], None]]
-"""The work with one reference, and with every view as reference in turn."""
-
-
-def predicting(case: Case, model: Model, form: Form, clock: StageClock) -> Calls:
-    """Forward passes in inference mode; the clock watches `BOXES`."""
+def predicting(case: Case, model: Model, form: Form, clock: StageClock) -> Callable[[], None]:
+    """A call of the model in inference mode; the clock watches `BOXES`."""
     views = synthetic_views(case).to(case.device)
     clock.watch(model, BOXES)
 
-    def one() -> None:
+    def call() -> None:
         with torch.inference_mode(), autocast(case.device, case.precision):
-            model(views)
+            form.predict(model, views, case.num_references)
 
-    def every() -> None:
-        with torch.inference_mode(), autocast(case.device, case.precision):
-            form.every_reference(model, views)
-
-    return one, every
+    return call
 
 
-def training(case: Case, model: Model, form: Form, clock: StageClock) -> Calls:
-    """Steps of the paper's loss and optimiser on one sample."""
+def training(case: Case, model: Model, form: Form, clock: StageClock) -> Callable[[], None]:
+    """A step of the paper's loss and optimiser on one sample."""
     views = synthetic_views(case).to(case.device)
     targets = synthetic_targets(case).to(case.device)
     loss = JointLoss()
     optimizer, _ = make_optimizer(model, OptimizerConfig())
 
-    def step(predict: Callable[[], list[Prediction]]) -> None:
+    def step() -> None:
         with clock.stage("forward"), autocast(case.device, case.precision):
-            losses = [loss(p, targets, views.depth_range)["loss"] for p in predict()]
+            predictions = form.predict(model, views, case.num_references)
+            losses = [loss(p, targets, views.depth_range)["loss"] for p in predictions]
             total = torch.stack(losses).mean()
         with clock.stage("backward"):
             total.backward()
@@ -133,10 +119,4 @@ def training(case: Case, model: Model, form: Form, clock: StageClock) -> Calls:
             optimizer.step()
             optimizer.zero_grad()
 
-    def one() -> None:
-        step(lambda: [model(views)])
-
-    def every() -> None:
-        step(lambda: form.every_reference(model, views))
-
-    return one, every
+    return step

@@ -8,7 +8,8 @@ from rich.table import Table
 from mvsam.apps.bench.cases import Case, Work
 from mvsam.apps.bench.measure import REGULARIZERS, Measurement
 
-COLUMNS: dict[Work, dict[str, str]] = {
+TITLES: dict[Work, str] = {"predict": "predict, seconds", "train": "training step, seconds"}
+STAGES: dict[Work, dict[str, str]] = {
     "predict": {
         "semantic_encoder": "SAM",
         "geometry_encoder": "pyramid",
@@ -19,22 +20,20 @@ COLUMNS: dict[Work, dict[str, str]] = {
     },
     "train": {"forward": "forward", "backward": "backward", "optimizer": "optimizer"},
 }
-"""Stage -> title, for each table."""
+"""Stage -> title of its column."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """How many times as much a textbook form takes as ours."""
+    """How many times as much the textbook form takes as ours."""
 
     case: Case
     """Ours."""
     against: str
     """Precision of the textbook form."""
     seconds: float
-    seconds_all_references: float
     stages: dict[str, float]
     working_memory: float
-    working_memory_all_references: float
 
 
 def ratios(measured: Sequence[Measurement]) -> list[Ratio]:
@@ -55,11 +54,8 @@ def _ratio(ours: Measurement, textbook: Measurement) -> Ratio:
         case=ours.case,
         against=textbook.case.precision,
         seconds=textbook.seconds / ours.seconds,
-        seconds_all_references=textbook.seconds_all_references / ours.seconds_all_references,
         stages={stage: theirs[stage] / mine[stage] for stage in mine if stage in theirs},
         working_memory=textbook.working_mib / ours.working_mib,
-        working_memory_all_references=textbook.working_mib_all_references
-        / ours.working_mib_all_references,
     )
 
 
@@ -76,34 +72,21 @@ def tables(measured: Sequence[Measurement]) -> list[Table]:
 
 
 def _table(work: Work, measured: Sequence[Measurement]) -> Table:
-    title = {"predict": "predict: seconds", "train": "training step: seconds"}[work]
-    table = Table("model", "precision", "form", title=title)
-    for column in (*COLUMNS[work].values(), "one ref.", "all ref.", "all / one", "MiB", "MiB all"):
-        table.add_column(column, justify="right")
+    table = Table("model", "precision", "form", title=TITLES[work])
+    for title in ("references", *STAGES[work].values(), "together", "MiB"):
+        table.add_column(title, justify="right")
     found = ratios(measured)
     for m in measured:
-        stages = with_regularizers(m.stages)
-        row = [*_stage_cells(work, stages, "{:.3f}"), f"{m.seconds:.2f}"]
-        row += [f"{m.seconds_all_references:.2f}", f"{m.seconds_all_references / m.seconds:.2f}"]
-        row += [f"{m.working_mib:.0f}", f"{m.working_mib_all_references:.0f}"]
-        table.add_row(m.case.model, m.case.precision, m.case.form, *row)
+        named = (m.case.model, m.case.precision, m.case.form, str(m.case.num_references))
+        cells = _stage_cells(work, with_regularizers(m.stages), "{:.3f}")
+        table.add_row(*named, *cells, f"{m.seconds:.3f}", f"{m.working_mib:.0f}")
         for ratio in found:
             if ratio.case == m.case:
-                table.add_row(*_ratio_cells(work, ratio), style="bold")
+                cells = _stage_cells(work, ratio.stages, "{:.1f}x")
+                cells += [f"{ratio.seconds:.1f}x", f"{ratio.working_memory:.1f}x"]
+                table.add_row("", "", f"against {ratio.against}", "", *cells, style="bold")
     return table
 
 
-def _ratio_cells(work: Work, ratio: Ratio) -> list[str]:
-    values = (ratio.seconds, ratio.seconds_all_references)
-    memory = (ratio.working_memory, ratio.working_memory_all_references)
-    return [
-        *("", "", f"against {ratio.against}"),
-        *_stage_cells(work, ratio.stages, "{:.1f}x"),
-        *(f"{value:.1f}x" for value in values),
-        "",
-        *(f"{value:.1f}x" for value in memory),
-    ]
-
-
 def _stage_cells(work: Work, stages: Mapping[str, float], template: str) -> list[str]:
-    return [template.format(stages[name]) if name in stages else "-" for name in COLUMNS[work]]
+    return [template.format(stages[name]) if name in stages else "-" for name in STAGES[work]]
