@@ -112,7 +112,17 @@ def test_every_command_and_option_of_the_documentation_exists(page: Path):
             assert re.search(rf"{re.escape(option)}[\s,]", known), f"{page.name}: {verb} {option}"
 
 
-VERBS = ["demo", "predict", "train", "eval", "models", "reconstruct", "rooms export", "bench"]
+VERBS = [
+    "demo",
+    "predict",
+    "train",
+    "eval",
+    "models",
+    "reconstruct",
+    "rooms export",
+    "export",
+    "bench",
+]
 
 
 @PAGE
@@ -198,7 +208,7 @@ def run_example(name: str, monkeypatch, *arguments: str) -> None:
 
 def test_examples_stay_short():
     examples = list((ROOT / "examples").glob("*.py"))
-    assert len(examples) == 3
+    assert len(examples) == 4
     for example in examples:
         assert len(example.read_text().splitlines()) < 60
 

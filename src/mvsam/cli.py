@@ -14,6 +14,7 @@ import tyro
 from mvsam.commands.bench import Bench
 from mvsam.commands.demo import Demo
 from mvsam.commands.evaluate import Evaluate
+from mvsam.commands.export import Export
 from mvsam.commands.models import Models
 from mvsam.commands.predict import Predict
 from mvsam.commands.reconstruct import Reconstruct
@@ -30,6 +31,7 @@ Verb = (
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
     | Annotated[Rooms, tyro.conf.subcommand("rooms")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 

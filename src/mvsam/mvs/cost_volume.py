@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mvsam.geometry.warp import source_from_reference_pixels, warp_to_reference
+from mvsam.mvs import sweep_export
 from mvsam.mvs.sweep import fits_kernel, is_switched_off, sweep_variance
 
 HAS_TRITON = find_spec("triton") is not None
@@ -34,6 +35,8 @@ def variance_volume(
 
 
 def _fused_sweep(features: Tensor, hypotheses: Tensor) -> Callable[..., Tensor] | None:
+    if torch.compiler.is_exporting():
+        return sweep_export.sweep_variance
     if fits_kernel(features, hypotheses):
         return sweep_variance
     if (
