@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from mvsam.build import MODELS, build, count_parameters, model_spec
+from mvsam.build import ASSEMBLIES, MODELS, build, count_parameters, model_spec
 from mvsam.errors import InputError
 from mvsam.model import MultiViewSAM
 
@@ -9,7 +9,13 @@ PARAMETERS = {
     "base": 94_220_588,
     "base_no_bridge": 94_120_300,
     "mvs_sam": 90_705_504,
+    "mvs_unet": 25_373_216,
     "cas_mvsnet": 934_304,
+    "trans_mvsnet": 1_148_924,
+    "mvs2d": 14_852_849,
+    "mvs2d_multiscale": 26_256_433,
+    "unet_r34": 24_439_124,
+    "unet_r50": 32_523_860,
     "sam_conv": 89_745_524,
     "sam_semantic": 93_181_312,
     "sam_semantic_gt_depth": 93_185_996,
@@ -37,12 +43,11 @@ def test_every_entry_says_what_it_is(name: str):
     assert all(side % 32 == 0 for side in spec.input_size)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", ASSEMBLIES)
 def test_tasks_are_those_of_the_assembly(name: str):
     with torch.device("meta"):
         model = build(name)
-    if not isinstance(model, MultiViewSAM):
-        pytest.skip("a baseline: what it predicts is compared in tests/baselines/test_all.py")
+    assert isinstance(model, MultiViewSAM)
     has = {"depth": model.cascade is not None, "semantics": model.decoder is not None}
     assert set(MODELS[name].tasks) == {task for task, present in has.items() if present}
 

@@ -9,10 +9,22 @@ from inspect import signature
 import torch
 from timm.models.vision_transformer_sam import VisionTransformerSAM
 from torch import nn
+from torchvision.models import ResNet34_Weights
 
+from mvsam.baselines.deeplab import DeepLabV2, DeepLabV3
+from mvsam.baselines.imagenet import load_imagenet
+from mvsam.baselines.mt_refinenet import MtRefineNet
+from mvsam.baselines.mtan import Mtan
+from mvsam.baselines.mti_net import MtiNet
+from mvsam.baselines.mvs2d import MVS2D
+from mvsam.baselines.pad_net import PadNet
+from mvsam.baselines.segnet import SegNet
+from mvsam.baselines.trans_mvsnet import TransMVSNet
+from mvsam.baselines.unet import UNet
 from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.encoders.fusion import SemanticPyramid
 from mvsam.encoders.sam import ConvStem, SamEncoder, sam_vit_b
+from mvsam.encoders.unet import UNetPyramid, unet
 from mvsam.errors import InputError
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.cascade import DepthCascade
@@ -70,6 +82,40 @@ def cas_mvsnet(num_classes: int = 20) -> MultiViewSAM:
     """Tables 1 and 5, CasMVSNet with the paper's hypotheses and training: 934,304 parameters."""
     del num_classes
     return MultiViewSAM(geometry_encoder=FeaturePyramid(), cascade=paper_cascade())
+
+
+def mvs_unet(num_classes: int = 20, imagenet: str | None = None) -> MultiViewSAM:
+    """Table 1, "MVS + UNet features", on a ResNet-34: 25,373,216 parameters.
+
+    The paper begins with a U-Net trained on the same split: weights of `unet_r34` find their place.
+    imagenet: weights of the ResNet, see `load_imagenet`.
+    """
+    network = unet("resnet34", num_classes)
+    released = ResNet34_Weights.IMAGENET1K_V1.get_state_dict
+    weights = load_imagenet(network.encoder, imagenet, released)
+    model = MultiViewSAM(
+        geometry_encoder=UNetPyramid(FeaturePyramid(), network), cascade=paper_cascade()
+    )
+    model.backbone_weights = weights
+    return model
+
+
+def mvs2d(num_classes: int = 20, imagenet: str | None = None) -> MVS2D:
+    """Table 1, MVS2D as released for ScanNet."""
+    del num_classes
+    return MVS2D(imagenet=imagenet)
+
+
+def mvs2d_multiscale(num_classes: int = 20, imagenet: str | None = None) -> MVS2D:
+    """MVS2D's "robust" model: epipolar attention at three scales."""
+    del num_classes
+    return MVS2D(attention_stages=(1, 2, 3), imagenet=imagenet)
+
+
+def trans_mvsnet(num_classes: int = 20) -> TransMVSNet:
+    """Table 1, TransMVSNet with the paper's hypotheses."""
+    del num_classes
+    return TransMVSNet()
 
 
 def sam_semantic(num_classes: int = 20, tuned_blocks: int = 0) -> MultiViewSAM:
@@ -183,6 +229,7 @@ _ASSEMBLIES = (
     ModelSpec("base", base, "Tables 1-5: Ours, full", "posed RGB views", _BOTH),
     ModelSpec("base_no_bridge", base_no_bridge, "Table 5: no SAM->MVS", "posed RGB views", _BOTH),
     ModelSpec("mvs_sam", mvs_sam, "Tables 1, 5: MVS + SAM features", "posed RGB views", _DEPTH),
+    ModelSpec("mvs_unet", mvs_unet, "Table 1: MVS + UNet features", "posed RGB views", _DEPTH),
     ModelSpec("cas_mvsnet", cas_mvsnet, "Tables 1, 5: CasMVSNet", "posed RGB views", _DEPTH),
     ModelSpec(
         "sam_semantic", sam_semantic, "Tables 4, 5: Semantic SAM", "one RGB view", _SEMANTICS
@@ -211,7 +258,34 @@ _ASSEMBLIES = (
         _BOTH,
     ),
 )
-_BASELINES: tuple[ModelSpec, ...] = ()
+_BASELINES = (
+    ModelSpec("trans_mvsnet", trans_mvsnet, "Table 1: TransMVSNet", "posed RGB views", _DEPTH),
+    ModelSpec("mvs2d", mvs2d, "Table 1: MVS2D", "posed RGB views", _DEPTH),
+    ModelSpec(
+        "mvs2d_multiscale", mvs2d_multiscale, "none: MVS2D, multi-scale", "posed RGB views", _DEPTH
+    ),
+    ModelSpec("mt_refinenet", MtRefineNet, "Table 2: MT-RefineNet", "one RGB view", _BOTH),
+    ModelSpec("pad_net", PadNet, "Table 2: PAD-Net", "one RGB view", _BOTH),
+    ModelSpec("mti_net", MtiNet, "Table 2: MTI-Net", "one RGB view", _BOTH),
+    ModelSpec("mtan", Mtan, "Table 2: MTAN", "one RGB view", _BOTH),
+    ModelSpec("segnet", SegNet, "Table 3: SegNet", "one RGB view", _SEMANTICS),
+    ModelSpec("deeplab_v2", DeepLabV2, "Table 3: DeepLab v2", "one RGB view", _SEMANTICS),
+    ModelSpec("deeplab_v3", DeepLabV3, "Table 3: DeepLab v3", "one RGB view", _SEMANTICS),
+    ModelSpec(
+        "unet_r34",
+        partial(UNet, "resnet34"),
+        "Table 4: U-Net, ResNet-34",
+        "one RGB view",
+        _SEMANTICS,
+    ),
+    ModelSpec(
+        "unet_r50",
+        partial(UNet, "resnet50"),
+        "Table 4: U-Net, ResNet-50",
+        "one RGB view",
+        _SEMANTICS,
+    ),
+)
 ASSEMBLIES = {spec.name: spec for spec in _ASSEMBLIES}
 """Put together from the parts of Figure 3: a `MultiViewSAM` each."""
 MODELS = ASSEMBLIES | {spec.name: spec for spec in _BASELINES}

@@ -9,6 +9,7 @@ from torch import Tensor
 from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.encoders.fusion import SemanticPyramid
 from mvsam.encoders.sam import SamEncoder
+from mvsam.encoders.unet import UNetPyramid
 from mvsam.mvs.cascade import DepthCascade, combined_confidence
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
@@ -54,7 +55,7 @@ class MultiViewSAM(Model):
 
     def __init__(
         self,
-        geometry_encoder: FeaturePyramid | None = None,
+        geometry_encoder: FeaturePyramid | UNetPyramid | None = None,
         semantic_encoder: SamEncoder | None = None,
         bridge: SemanticPyramid | None = None,
         cascade: DepthCascade | None = None,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mvsam.commands.shared import Json, print_json, print_table
+from mvsam.errors import MissingExtraError
 
 
 @dataclass(frozen=True)
@@ -35,21 +36,21 @@ class Models:
                 model["inputs"],
                 ", ".join(model["tasks"]),
                 "embedded" if model["has_weights"] else "",
-                f"{model['parameters']:,}",
+                f"{model['parameters']:,}" if model["parameters"] else "needs mvsam[baselines]",
             )
         print_table(table)
 
 
 def describe_models() -> list[dict[str, Any]]:
-    """What `mvsam models --json` prints."""
-    from mvsam.build import MODELS, count_parameters
+    """What `mvsam models --json` prints; `parameters` is null where an extra is missing."""
+    from mvsam.build import MODELS
     from mvsam.weights import embedded
 
     with_weights = embedded()
     return [
         {
             "name": name,
-            "parameters": count_parameters(name),
+            "parameters": _parameters(name),
             "paper_row": spec.paper_row,
             "inputs": spec.inputs,
             "tasks": list(spec.tasks),
@@ -58,3 +59,13 @@ def describe_models() -> list[dict[str, Any]]:
         }
         for name, spec in MODELS.items()
     ]
+
+
+def _parameters(name: str) -> int | None:
+    """None where the library that the model is made of is not installed."""
+    from mvsam.build import count_parameters
+
+    try:
+        return count_parameters(name)
+    except MissingExtraError:
+        return None

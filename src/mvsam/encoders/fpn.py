@@ -1,5 +1,7 @@
 """The geometry-aware encoder of Figure 3: CasMVSNet's feature pyramid at three scales."""
 
+from collections.abc import Sequence
+
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -21,9 +23,11 @@ class FeaturePyramid(nn.Module):
     """Features at 1/4, 1/2 and 1/1 of the image, `4 * base`, `2 * base` and `base` wide (Sec. 3.1).
 
     The paper follows CasMVSNet and leaves the widths open; `base` = 8 is CasMVSNet's.
+    heads: what ends each level, coarse to fine, given 4 * base channels; None: one linear
+    convolution, as CasMVSNet has it.
     """
 
-    def __init__(self, base: int = 8):
+    def __init__(self, base: int = 8, heads: Sequence[nn.Module] | None = None):
         super().__init__()
         self.channels = (4 * base, 2 * base, base)
         wide, middle, narrow = self.channels
@@ -40,9 +44,11 @@ class FeaturePyramid(nn.Module):
         )
         self.lateral_half = nn.Conv2d(middle, wide, 1)
         self.lateral_full = nn.Conv2d(narrow, wide, 1)
-        self.out_quarter = nn.Conv2d(wide, wide, 1, bias=False)
-        self.out_half = nn.Conv2d(wide, middle, 3, padding=1, bias=False)
-        self.out_full = nn.Conv2d(wide, narrow, 3, padding=1, bias=False)
+        self.out_quarter, self.out_half, self.out_full = heads or (
+            nn.Conv2d(wide, wide, 1, bias=False),
+            nn.Conv2d(wide, middle, 3, padding=1, bias=False),
+            nn.Conv2d(wide, narrow, 3, padding=1, bias=False),
+        )
 
     def forward(
         self, images: Float[Tensor, "images 3 height width"]
