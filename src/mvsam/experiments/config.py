@@ -1,8 +1,9 @@
 """An experiment: small dataclasses, each defined beside the code it configures."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 from mvsam.data.labels import ClassTable
 from mvsam.data.stream import DataConfig
@@ -24,6 +25,9 @@ class ModelConfig:
     """The paper's K; none: as many as the training data have classes."""
     tuned_blocks: int | None = None
     """For the rows with SAM ViT-B: how many of its last blocks learn; none: the row's own."""
+    imagenet: str | None = None
+    """For the other methods: ImageNet weights of the backbone, a file or `download`; none: random.
+    """
     init: tuple[str, ...] = ()
     """Weights to begin with: names, files or hub ids, later ones over earlier ones; what none of
     them has in its shape begins anew."""
@@ -48,10 +52,18 @@ class Experiment:
 
     def as_json(self) -> dict:
         """What JSON makes of it: tuples become lists."""
-        return json.loads(json.dumps(asdict(self)))
+        return json.loads(json.dumps(record_of(self)))
 
     def save(self, path: Path, classes: ClassTable) -> None:
         """As JSON, with the classes it learns, and the command, commit and versions."""
         names = {"classes": classes.names, "palette": classes.colors}
-        record = {**asdict(self), **names, **provenance()}
+        record = {**record_of(self), **names, **provenance()}
         write_json(path, record)
+
+
+def record_of(settings: Any) -> Any:
+    """A dataclass as a dict; parts that are called, as losses, also say which they are."""
+    if not is_dataclass(settings):
+        return settings
+    named = {f.name: record_of(getattr(settings, f.name)) for f in fields(settings)}
+    return {"part": type(settings).__name__, **named} if callable(settings) else named
