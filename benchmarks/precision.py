@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 from rich.progress import track
 
+from mvsam.convolution import fold_batch_norm
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset
 from mvsam.evaluation.evaluate import SceneScores, score_item
@@ -59,7 +60,10 @@ def main() -> None:
     arguments = parser.parse_args()
     device = "cuda" if torch.cuda.is_available() else "cpu"
     data = TupleDataset(open_data(arguments.data), tuples_per_scene=1)
-    found = {name: compare(load(name).to(device), data, device) for name in arguments.models}
+    found = {}
+    for name in arguments.models:
+        model = fold_batch_norm(load(name)).to(device)  # as `mvsam predict` runs it
+        found[name] = compare(model, data, device)
     for name, record in found.items():
         for precision in PRECISIONS:
             values = {key: record[precision][key] for key in ("rel", "miou")}

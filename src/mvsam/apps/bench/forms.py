@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mvsam.apps.bench.cases import FormName, Work
+from mvsam.apps.bench.cases import Case, FormName
 from mvsam.build import build
+from mvsam.convolution import fold_batch_norm
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.textbook import TextbookCascade
 from mvsam.types import Model, Prediction, Views
@@ -15,28 +16,38 @@ from mvsam.weights import layout_channels_last
 class Form:
     """How a model is made ready, and how it takes its first views as reference in turn."""
 
-    prepare: Callable[[str, Work], Model]
+    prepare: Callable[[Case], Model]
     predict: Callable[[Model, Views, int], list[Prediction]]
 
 
-def our_model(name: str, work: Work) -> Model:
-    """Random weights as `weights.load` leaves them for predictions and `mvsam train` for steps."""
-    model = layout_channels_last(build(name))
-    if work == "predict":
-        return model.eval()
-    write_attention_out(model)
+def our_model(case: Case) -> Model:
+    """Random weights as a `Session` makes them ready for predictions, `mvsam train` for steps."""
+    model = layout_channels_last(build_case(case))
+    if case.work == "predict":
+        return fold_batch_norm(model)
+    if case.device == "cpu":
+        write_attention_out(model)
     return model.train()
 
 
-def textbook_model(name: str, work: Work) -> Model:
+def textbook_model(case: Case) -> Model:
     """The same weights in PyTorch's default layout, with a `TextbookCascade` and SAM's attention
     as its authors wrote it."""
-    model = build(name)
+    model = build_case(case)
     assert isinstance(model, MultiViewSAM)
     if model.cascade is not None:
         model.cascade = TextbookCascade(model.cascade)
     write_attention_out(model)
-    return model.train(work == "train")
+    return model.train(case.work == "train")
+
+
+def build_case(case: Case) -> Model:
+    """The case's model with its number of planes; the weights do not depend on that."""
+    model = build(case.model)
+    if case.num_planes is not None:
+        assert isinstance(model, MultiViewSAM) and model.cascade is not None
+        model.cascade.num_planes = case.num_planes
+    return model
 
 
 def write_attention_out(model: Model) -> None:

@@ -68,9 +68,7 @@ def measure(case: Case) -> Measurement:
     libraries = peak_memory("cpu")
     torch.manual_seed(0)
     form = FORMS[case.form]
-    model = form.prepare(case.model, case.work).to(case.device)
-    if case.num_planes is not None:
-        model.cascade.num_planes = case.num_planes  # pyright: ignore
+    model = form.prepare(case).to(case.device)
     weights = sum(x.nbytes for x in chain(model.parameters(), model.buffers()))
     before = peak_memory(case.device)
     clock = StageClock(case.device)
