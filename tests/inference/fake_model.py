@@ -1,12 +1,13 @@
 """Models that need no weights: they repeat the measured depth and colour-code the classes."""
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from mvsam.types import Prediction, Views
+from mvsam.types import Model, Prediction, Views
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class FakeFeatures:
         return FakeFeatures(torch.cat([part.images for part in parts], dim=1))
 
 
-class FakeModel(nn.Module):
+class FakeModel(Model):
     """Depth is the measured one (else 2 m), the class the strongest of the colours 0, 1, 2."""
 
     input_size: tuple[int, int] = (64, 48)
@@ -29,13 +30,22 @@ class FakeModel(nn.Module):
         super().__init__()
         self.scale = nn.Parameter(torch.ones(1))
         self.has_depth, self.has_labels = has_depth, has_labels
-        self.encoded_views = 0
+        self.encoded: list[int] = []
+        """Views of each call of `encode`."""
         self.fail_at: tuple[int, BaseException] | None = None
         """(number of the decode call, what it raises)."""
         self.decoded: list[Views] = []
 
+    def __deepcopy__(self, memo: dict) -> "FakeModel":
+        """A session works on a copy; what it does shows in the lists of the original."""
+        return copy(self)
+
+    @property
+    def encoded_views(self) -> int:
+        return sum(self.encoded)
+
     def encode(self, views: Views) -> FakeFeatures:
-        self.encoded_views += views.num_views
+        self.encoded.append(views.num_views)
         return FakeFeatures(views.images)
 
     def decode(self, features: FakeFeatures, views: Views, reference: int = 0) -> Prediction:

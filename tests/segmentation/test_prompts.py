@@ -3,7 +3,13 @@ import pytest
 import torch
 from segment_anything.modeling.prompt_encoder import PositionEmbeddingRandom, PromptEncoder
 
-from mvsam.segmentation.prompts import DepthPrompt, PositionEncoding, fill_cells
+from mvsam.segmentation.prompts import (
+    DepthPrompt,
+    PositionEncoding,
+    centred_depth,
+    centred_disparity,
+    fill_cells,
+)
 
 RANGE = torch.tensor([[0.1, 5.0]])
 
@@ -74,3 +80,35 @@ def test_gradient_of_the_prompt_reaches_the_depth():
     depth = (1 + torch.rand(1, 8, 8)).requires_grad_()
     DepthPrompt(8)(depth, RANGE)[0].square().sum().backward()
     assert depth.grad is not None and depth.grad.abs().sum() > 0
+
+
+def test_scales_of_the_depth_prompt_reach_from_one_end_of_the_range_to_the_other():
+    near, far = torch.tensor(0.5), torch.tensor(4.0)
+    depth = torch.tensor([0.0, 0.5, 1.0, 2.25, 4.0, 9.0])
+    # 1 m: 2 * 0.5 / 3.5 - 1; as disparity 2 * (1 - 0.25) / (2 - 0.25) - 1.
+    linear = torch.tensor([-1.0, -1.0, -5 / 7, 0.0, 1.0, 1.0])
+    torch.testing.assert_close(centred_depth(depth, near, far), linear)
+    disparity = centred_disparity(depth, near, far)
+    torch.testing.assert_close(disparity[[0, 1, 2, 4, 5]], torch.tensor([1, 1, -1 / 7, -1, -1]))
+
+
+def test_unknown_depth_has_a_finite_gradient_in_every_scale():
+    depth = torch.zeros(1, 8, 8, requires_grad=True)
+    for scale in (centred_depth, centred_disparity):
+        prompt = DepthPrompt(8, scale)
+        prompt(depth, torch.tensor([[0.1, 5.0]]))[0].sum().backward()
+    assert depth.grad is not None and depth.grad.isfinite().all()
+
+
+def test_the_prompt_sees_depth_in_the_scale_it_was_given():
+    depth, depth_range = torch.rand(1, 8, 8) + 1, torch.tensor([[0.1, 5.0]])
+    torch.manual_seed(0)
+    linear = DepthPrompt(8)
+    inverse = DepthPrompt(8, centred_disparity)
+    inverse.load_state_dict(linear.state_dict())
+    near, far = depth_range[:, :1, None], depth_range[:, 1:, None]
+    # The linear prompt sees in this depth what the other sees in the first.
+    same = (centred_disparity(depth, near, far) + 1) / 2 * (far - near) + near
+    torch.testing.assert_close(
+        linear(same, depth_range)[0], inverse(depth, depth_range)[0], atol=1e-5, rtol=1e-5
+    )
