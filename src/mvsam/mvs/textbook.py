@@ -67,8 +67,8 @@ class TextbookRegularizer(nn.Module):
             self.add_module(name, child)
         for layer in self.modules():
             for plain in (nn.Conv3d, nn.ConvTranspose3d):
-                if isinstance(layer, plain):
-                    layer.__class__ = plain  # our layers differ in `forward` alone
+                if isinstance(layer, plain):  # ours differ from these in `forward` alone
+                    layer.__class__ = plain  # pyright: ignore[reportAttributeAccessIssue]
 
     def forward(
         self, volume: Float[Tensor, "batch channel plane height width"]

@@ -36,7 +36,7 @@ def textbook_model(case: Case) -> Model:
     model = build_case(case)
     assert isinstance(model, MultiViewSAM)
     if model.cascade is not None:
-        model.cascade = TextbookCascade(model.cascade)
+        model.cascade = TextbookCascade(model.cascade)  # pyright: ignore[reportAttributeAccessIssue]
     write_attention_out(model)
     return model.train(case.work == "train")
 

@@ -75,12 +75,12 @@ def measure(case: Case) -> Measurement:
     work = training if case.work == "train" else predicting
     call = work(case, model, form, clock)
     call()  # warm up
-    clock.seconds.clear()
+    clock.clear()
     seconds = clock.median_seconds(call, case.repeats)
     return Measurement(
         case,
         seconds,
-        stages={stage: total / case.repeats for stage, total in clock.seconds.items()},
+        stages={stage: total / case.repeats for stage, total in clock.seconds().items()},
         working_mib=(peak_memory(case.device) - before) / MIB,
         weights_mib=weights / MIB,
         libraries_mib=libraries / MIB,
