@@ -22,7 +22,7 @@ DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 
 
 def triton_variance_volume(features, intrinsics, world_from_cam, hypotheses):
-    projections = cost_volume._projections(intrinsics, world_from_cam)
+    projections = cost_volume.sweep_projections(intrinsics, world_from_cam)
     return sweep_triton.sweep_variance(features, projections, hypotheses)
 
 

@@ -31,7 +31,7 @@ def variance_volume(
     sweep = _fused_sweep(features, hypotheses)
     if sweep is None:
         return textbook_variance_volume(features, intrinsics, world_from_cam, hypotheses)
-    return sweep(features, _projections(intrinsics, world_from_cam), hypotheses)
+    return sweep(features, sweep_projections(intrinsics, world_from_cam), hypotheses)
 
 
 def _fused_sweep(features: Tensor, hypotheses: Tensor) -> Callable[..., Tensor] | None:
@@ -52,7 +52,7 @@ def _fused_sweep(features: Tensor, hypotheses: Tensor) -> Callable[..., Tensor] 
     return None
 
 
-def _projections(
+def sweep_projections(
     intrinsics: Float[Tensor, "batch view 3 3"], world_from_cam: Float[Tensor, "batch view 4 4"]
 ) -> Float[Tensor, "batch view 12"]:
     """A row by row, then b, of every view (`source_from_reference_pixels`); all in one go."""
