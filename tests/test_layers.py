@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "files": {"errors"},
     "loss_terms": {"types"},
     "geometry": {"types"},
-    "encoders": {"types", "errors", "geometry"},
+    "encoders": {"types", "errors", "geometry", "convolution"},
     "mvs": {"types", "geometry", "convolution"},
     "segmentation": {"types", "geometry"},
     "model": {"types", "geometry", *NETWORK},
@@ -37,7 +37,7 @@ ALLOWED: dict[str, set[str]] = {
     "evaluation": {"types", "errors"},
     "training": {"types", "errors", "precision", "loss_terms", "evaluation"},
     "inference": MODELS | {"data", "evaluation"},
-    "experiments": MODELS | {"loss_terms", "data", "training", "evaluation"},
+    "experiments": MODELS | {"encoders", "loss_terms", "data", "training", "evaluation"},
 }
 """What each part may import; `apps`, `commands` and `cli` lie above them all, in this order."""
 

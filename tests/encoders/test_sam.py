@@ -35,6 +35,18 @@ def test_backbone_equals_the_original_encoder_with_equal_weights():
         )
 
 
+def test_the_encoder_s_own_attention_leaves_the_original_s_output():
+    torch.manual_seed(0)
+    original, ours = original_encoder(), small_backbone()
+    randomize(original)
+    copy_weights(original, ours)
+    encoder = SamEncoder(ours, input_side=SIDE).eval()
+    images = torch.rand(2, 3, SIDE, SIDE)
+    with torch.no_grad():
+        expected = original(encoder.prepare(images))
+        torch.testing.assert_close(encoder.tokens(images), expected, atol=1e-5, rtol=0)
+
+
 @pytest.mark.slow
 def test_full_size_backbone_equals_the_original_encoder_with_equal_weights():
     torch.manual_seed(0)

@@ -2,12 +2,17 @@
 
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from timm.models.vision_transformer_sam import VisionTransformerSAM
 from torch import Tensor, nn
+
+from mvsam.encoders.attention import RelativeAttention
+from mvsam.encoders.feature_cache import FeatureCache, hash_of_weights
+from mvsam.errors import InputError
 
 IMAGE_MEAN = (123.675 / 255, 116.28 / 255, 103.53 / 255)
 IMAGE_STD = (58.395 / 255, 57.12 / 255, 57.375 / 255)
@@ -46,6 +51,9 @@ class SamEncoder(nn.Module):
     tuned_blocks: how many of the last blocks learn, with the neck (the paper: 0 to 3); None: all.
     """
 
+    feature_cache: FeatureCache | None = None
+    """Keeps the frozen part's features on disk (`cache_frozen_part`); None: computed every time."""
+
     def __init__(
         self,
         backbone: VisionTransformerSAM,
@@ -63,6 +71,8 @@ class SamEncoder(nn.Module):
         self.register_buffer("std", torch.tensor(IMAGE_STD).view(3, 1, 1), persistent=False)
         self.mean: Tensor
         self.std: Tensor
+        for block in backbone.blocks:
+            block.attn = RelativeAttention(block.attn)  # pyright: ignore
         if tuned_blocks is not None:
             self._freeze(tuned_blocks)
 
@@ -83,7 +93,7 @@ class SamEncoder(nn.Module):
         """
         height, width = images.shape[-2:]
         inner_height, inner_width = self.inner_size(height, width)
-        tokens = self.tokens(self.prepare(images))
+        tokens = self.tokens(images)
         valid = inner_height / self.patch_size, inner_width / self.patch_size
         return resample_valid(tokens, valid, size or (height // 4, width // 4))
 
@@ -105,18 +115,57 @@ class SamEncoder(nn.Module):
         return F.pad(images, (0, self.input_side - inner[1], 0, self.input_side - inner[0]))
 
     def tokens(
-        self, prepared: Float[Tensor, "images 3 side side"]
+        self, images: Float[Tensor, "images 3 height width"]
     ) -> Float[Tensor, "images channel rows columns"]:
-        """The backbone's output; its frozen part runs without gradient."""
+        """The backbone's output; its frozen part runs without gradient, or is read from disk."""
         if self.tuned_blocks is None:
-            return self.backbone.forward_features(prepared)
-        frozen = len(self.backbone.blocks) - self.tuned_blocks
-        with torch.no_grad():
-            x = self.backbone.patch_embed(prepared) + self.backbone.pos_embed
-            x = self.backbone.blocks[:frozen](x)
-        with torch.set_grad_enabled(torch.is_grad_enabled() and self.tuned_blocks > 0):
-            x = self.backbone.blocks[frozen:](x)
-            return self.backbone.neck(x.permute(0, 3, 1, 2))
+            return self.backbone.forward_features(self.prepare(images))
+        cache = self.feature_cache
+        x = self.frozen_part(images) if cache is None else cache(images, self.frozen_part)
+        if not self.tuned_blocks:
+            return x
+        x = self.backbone.blocks[-self.tuned_blocks :](x)
+        return self.backbone.neck(x.permute(0, 3, 1, 2))
+
+    @torch.no_grad()
+    def frozen_part(
+        self, images: Float[Tensor, "images 3 height width"]
+    ) -> Float[Tensor, "images *features"]:
+        """What no training changes: the tokens (rows, columns, channel) before the first tuned
+        block, or the backbone's output where no block is tuned."""
+        if not self.tuned_blocks:
+            return self.backbone.forward_features(self.prepare(images))
+        x = self.backbone.patch_embed(self.prepare(images)) + self.backbone.pos_embed
+        return self.backbone.blocks[: -self.tuned_blocks](x)
+
+    def cache_frozen_part(self, folder: Path) -> FeatureCache:
+        """Keeps the frozen part's features in `folder` from now on.
+
+        Its weights must not change any more once the first picture was seen.
+
+        Raises `InputError` where nothing is frozen.
+        """
+        if self.tuned_blocks is None:
+            raise InputError(
+                "all of this model's encoder learns: there are no frozen features to keep; leave "
+                "the feature cache out."
+            )
+        backbone, tuned = self.backbone, self.tuned_blocks
+        frozen: list[nn.Module | Tensor] = [backbone]
+        if tuned:
+            assert backbone.pos_embed is not None
+            frozen = [backbone.patch_embed, backbone.pos_embed, backbone.blocks[:-tuned]]
+        side = self.input_side
+        self.feature_cache = FeatureCache(folder, lambda: f"{hash_of_weights(frozen)} {side}")
+        return self.feature_cache
+
+
+def cache_frozen_features(model: nn.Module, folder: Path) -> FeatureCache:
+    """`SamEncoder.cache_frozen_part` of a model; InputError where it has no such encoder."""
+    encoder = getattr(model, "semantic_encoder", None)
+    if not isinstance(encoder, SamEncoder):
+        raise InputError("this model has no SAM encoder: leave the feature cache out.")
+    return encoder.cache_frozen_part(folder)
 
 
 def resample_valid(
