@@ -22,82 +22,124 @@ struct Problem {
   int views, planes, height, width;
 };
 
-// Four neighbours of a source position; a corner outside the view has weight zero.
+// Eight channels at once; read and written at any address.
+constexpr int kLanes = 8;
+typedef float Lanes __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
+typedef uint32_t Bits __attribute__((vector_size(4 * kLanes)));
+typedef uint16_t Halves __attribute__((vector_size(2 * kLanes), aligned(2), may_alias));
+
+inline Lanes load(const float* x) { return *reinterpret_cast<const Lanes*>(x); }
+inline Lanes load(const uint16_t* x) {
+  const Halves halves = *reinterpret_cast<const Halves*>(x);
+  return reinterpret_cast<Lanes>(__builtin_convertvector(halves, Bits) << 16);
+}
+inline void store(float* target, Lanes x) { *reinterpret_cast<Lanes*>(target) = x; }
+inline void store(uint16_t* target, Lanes x) {  // round to nearest even
+  Bits bits = reinterpret_cast<Bits>(x);
+  bits = (bits + 0x7fffu + ((bits >> 16) & 1u)) >> 16;
+  *reinterpret_cast<Halves*>(target) = __builtin_convertvector(bits, Halves);
+}
+
+// The arithmetic of kBlock neighbouring pixels of a row goes on side by side, in vector registers.
+constexpr int kBlock = 16;
+
+// Four neighbours of each pixel's source position; a corner outside the view has weight zero.
 struct Corners {
-  int64_t offset[4];
-  float weight[4];
+  float weight[4][kBlock];
+  int32_t offset[4][kBlock];  // in pixels
+  int32_t is_seen[kBlock];
 };
 
-inline float as_float(float x) { return x; }
-inline float as_float(uint16_t x) {
-  uint32_t bits = static_cast<uint32_t>(x) << 16;
-  float value;
-  std::memcpy(&value, &bits, 4);
-  return value;
-}
-inline void store(float* target, float x) { *target = x; }
-inline void store(uint16_t* target, float x) {  // round to nearest even
-  uint32_t bits;
-  std::memcpy(&bits, &x, 4);
-  *target = static_cast<uint16_t>((bits + 0x7fffu + ((bits >> 16) & 1u)) >> 16);
-}
-
-template <int C>
-inline bool locate(const Problem& p, int view, float u, float v, float depth, Corners* corners) {
+// Without a branch and without && or |, so that compilers vectorise it. A position out of view, and
+// one that is not a number, is moved to where all its weights are zero.
+inline void locate(const Problem& p, int view, int row, int column, const float* __restrict depth,
+                   Corners* __restrict corners) {
   const float* m = p.projection + 12 * view;
-  const float z = (m[6] * u + m[7] * v + m[8]) * depth + m[11];
-  if (!(z > kMinimumZ)) return false;
-  const float inverse = 1.0f / z;
-  const float x = ((m[0] * u + m[1] * v + m[2]) * depth + m[9]) * inverse - 0.5f;
-  const float y = ((m[3] * u + m[4] * v + m[5]) * depth + m[10]) * inverse - 0.5f;
-  if (!(x > -1.0f && y > -1.0f && x < p.width && y < p.height)) return false;
-  const float left = std::floor(x), top = std::floor(y);
-  const float right_share = x - left, bottom_share = y - top;
-  const int column = static_cast<int>(left), row = static_cast<int>(top);
-  for (int corner = 0; corner < 4; ++corner) {
-    const int dy = corner >> 1, dx = corner & 1;
-    const int r = row + dy, c = column + dx;
-    const bool inside = r >= 0 && r < p.height && c >= 0 && c < p.width;
-    const float weight = (dy ? bottom_share : 1 - bottom_share) * (dx ? right_share : 1 - right_share);
-    corners->weight[corner] = inside ? weight : 0.0f;
-    corners->offset[corner] = inside ? (static_cast<int64_t>(r) * p.width + c) * C : 0;
+  const int last_c = p.width - 1, last_r = p.height - 1;
+  const float width = p.width, height = p.height, v = row + 0.5f;
+  for (int i = 0; i < kBlock; ++i) {
+    const float u = column + i + 0.5f;
+    const float z = (m[6] * u + m[7] * v + m[8]) * depth[i] + m[11];
+    const float inverse = 1.0f / (z > kMinimumZ ? z : 1.0f);
+    float x = ((m[0] * u + m[1] * v + m[2]) * depth[i] + m[9]) * inverse - 0.5f;
+    float y = ((m[3] * u + m[4] * v + m[5]) * depth[i] + m[10]) * inverse - 0.5f;
+    x = z > kMinimumZ ? x : -1.0f;
+    x = x > -1.0f ? x : -1.0f;
+    y = y > -1.0f ? y : -1.0f;
+    x = x < width ? x : width;
+    y = y < height ? y : height;
+    const float left = std::floor(x), top = std::floor(y);
+    const int c = static_cast<int>(left), r = static_cast<int>(top);
+    float left_share = c < 0 ? 0.0f : left + 1 - x, top_share = r < 0 ? 0.0f : top + 1 - y;
+    left_share = c > last_c ? 0.0f : left_share;
+    top_share = r > last_r ? 0.0f : top_share;
+    const float right_share = c < last_c ? x - left : 0.0f;
+    const float bottom_share = r < last_r ? y - top : 0.0f;
+    const int c0 = c < 0 ? 0 : c > last_c ? last_c : c, c1 = c < last_c ? c + 1 : last_c;
+    const int r0 = r < 0 ? 0 : r > last_r ? last_r : r, r1 = r < last_r ? r + 1 : last_r;
+    corners->weight[0][i] = top_share * left_share;
+    corners->weight[1][i] = top_share * right_share;
+    corners->weight[2][i] = bottom_share * left_share;
+    corners->weight[3][i] = bottom_share * right_share;
+    corners->offset[0][i] = r0 * p.width + c0;
+    corners->offset[1][i] = r0 * p.width + c1;
+    corners->offset[2][i] = r1 * p.width + c0;
+    corners->offset[3][i] = r1 * p.width + c1;
+    corners->is_seen[i] = (top_share + bottom_share) * (left_share + right_share) > 0;
   }
-  return true;
 }
 
 template <int C>
-inline void sample(const float* image, const Corners& at, float* value) {
-  const float *a = image + at.offset[0], *b = image + at.offset[1];
-  const float *c = image + at.offset[2], *d = image + at.offset[3];
-  const float wa = at.weight[0], wb = at.weight[1], wc = at.weight[2], wd = at.weight[3];
-  for (int k = 0; k < C; ++k) value[k] = wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k];
+inline void sample(const float* image, const Corners& at, int i, Lanes* value) {
+  const float *a = image + at.offset[0][i] * int64_t{C}, *b = image + at.offset[1][i] * int64_t{C};
+  const float *c = image + at.offset[2][i] * int64_t{C}, *d = image + at.offset[3][i] * int64_t{C};
+  const float wa = at.weight[0][i], wb = at.weight[1][i];
+  const float wc = at.weight[2][i], wd = at.weight[3][i];
+  for (int k = 0; k < C / kLanes; ++k, a += kLanes, b += kLanes, c += kLanes, d += kLanes)
+    value[k] = wa * load(a) + wb * load(b) + wc * load(c) + wd * load(d);
+}
+
+// Calls work(pixel, voxel, i, corners of every view) for each voxel of the rows.
+template <typename Work>
+void for_each_voxel(const Problem& p, int begin, int end, const Work& work) {
+  Corners corners[kMaxViews];
+  float depth[kBlock];
+  for (int plane = 0; plane < p.planes; ++plane)
+    for (int row = begin; row < end; ++row) {
+      const float* hypotheses = p.hypotheses + plane * p.plane_stride + row * p.row_stride;
+      for (int column = 0; column < p.width; column += kBlock) {
+        const int count = p.width - column < kBlock ? p.width - column : kBlock;
+        for (int i = 0; i < kBlock; ++i)
+          depth[i] = hypotheses[(column + (i < count ? i : count - 1)) * p.column_stride];
+        for (int view = 1; view < p.views; ++view)
+          locate(p, view, row, column, depth, &corners[view]);
+        const int64_t pixel = static_cast<int64_t>(row) * p.width + column;
+        const int64_t voxel = static_cast<int64_t>(plane) * p.height * p.width + pixel;
+        for (int i = 0; i < count; ++i) work(pixel + i, voxel + i, i, corners);
+      }
+    }
 }
 
 template <int C, typename T>
 void forward_rows(const Problem& p, int begin, int end, T* volume) {
   const int64_t image = static_cast<int64_t>(p.height) * p.width * C;
   const float share = 1.0f / p.views;
-  for (int plane = 0; plane < p.planes; ++plane)
-    for (int row = begin; row < end; ++row)
-      for (int column = 0; column < p.width; ++column) {
-        const int64_t pixel = static_cast<int64_t>(row) * p.width + column;
-        const float depth = p.hypotheses[plane * p.plane_stride + row * p.row_stride +
-                                         column * p.column_stride];
-        const float* reference = p.features + pixel * C;
-        float sum[C], squares[C], value[C];
-        for (int k = 0; k < C; ++k) sum[k] = reference[k], squares[k] = reference[k] * reference[k];
-        for (int view = 1; view < p.views; ++view) {
-          Corners at;
-          if (!locate<C>(p, view, column + 0.5f, row + 0.5f, depth, &at)) continue;
-          sample<C>(p.features + view * image, at, value);
-          for (int k = 0; k < C; ++k) sum[k] += value[k], squares[k] += value[k] * value[k];
-        }
-        T* out = volume + (static_cast<int64_t>(plane) * p.height * p.width + pixel) * C;
-        for (int k = 0; k < C; ++k) {
-          const float mean = sum[k] * share;
-          store(out + k, squares[k] * share - mean * mean);
-        }
-      }
+  for_each_voxel(p, begin, end, [=](int64_t pixel, int64_t voxel, int i, const Corners* at) {
+    Lanes sum[C / kLanes], squares[C / kLanes], value[C / kLanes];
+    for (int k = 0; k < C / kLanes; ++k) {
+      sum[k] = load(p.features + pixel * C + k * kLanes);
+      squares[k] = sum[k] * sum[k];
+    }
+    for (int view = 1; view < p.views; ++view) {
+      if (!at[view].is_seen[i]) continue;
+      sample<C>(p.features + view * image, at[view], i, value);
+      for (int k = 0; k < C / kLanes; ++k) sum[k] += value[k], squares[k] += value[k] * value[k];
+    }
+    for (int k = 0; k < C / kLanes; ++k) {
+      const Lanes mean = sum[k] * share;
+      store(volume + voxel * C + k * kLanes, squares[k] * share - mean * mean);
+    }
+  });
 }
 
 // d variance / d V_i = 2 / M (V_i - mean). `gradient` is this thread's own copy.
@@ -106,43 +148,31 @@ void backward_rows(const Problem& p, int begin, int end, const T* volume_gradien
                    float* gradient) {
   const int64_t image = static_cast<int64_t>(p.height) * p.width * C;
   const float share = 1.0f / p.views;
-  for (int plane = 0; plane < p.planes; ++plane)
-    for (int row = begin; row < end; ++row)
-      for (int column = 0; column < p.width; ++column) {
-        const int64_t pixel = static_cast<int64_t>(row) * p.width + column;
-        const float depth = p.hypotheses[plane * p.plane_stride + row * p.row_stride +
-                                         column * p.column_stride];
-        const float* reference = p.features + pixel * C;
-        float mean[C], value[kMaxViews][C];
-        Corners at[kMaxViews];
-        bool in_view[kMaxViews];
-        for (int k = 0; k < C; ++k) mean[k] = reference[k];
-        for (int view = 1; view < p.views; ++view) {
-          in_view[view] = locate<C>(p, view, column + 0.5f, row + 0.5f, depth, &at[view]);
-          if (!in_view[view]) continue;
-          sample<C>(p.features + view * image, at[view], value[view]);
-          for (int k = 0; k < C; ++k) mean[k] += value[view][k];
-        }
-        const T* incoming =
-            volume_gradient + (static_cast<int64_t>(plane) * p.height * p.width + pixel) * C;
-        float scaled[C];
-        for (int k = 0; k < C; ++k) {
-          mean[k] *= share;
-          scaled[k] = 2.0f * share * as_float(incoming[k]);
-        }
-        float* target = gradient + pixel * C;
-        for (int k = 0; k < C; ++k) target[k] += scaled[k] * (reference[k] - mean[k]);
-        for (int view = 1; view < p.views; ++view) {
-          if (!in_view[view]) continue;
-          float flow[C];
-          for (int k = 0; k < C; ++k) flow[k] = scaled[k] * (value[view][k] - mean[k]);
-          for (int corner = 0; corner < 4; ++corner) {
-            const float weight = at[view].weight[corner];
-            float* into = gradient + view * image + at[view].offset[corner];
-            for (int k = 0; k < C; ++k) into[k] += weight * flow[k];
-          }
-        }
+  for_each_voxel(p, begin, end, [=](int64_t pixel, int64_t voxel, int i, const Corners* at) {
+    Lanes mean[C / kLanes], scaled[C / kLanes], value[kMaxViews][C / kLanes];
+    for (int k = 0; k < C / kLanes; ++k) mean[k] = load(p.features + pixel * C + k * kLanes);
+    for (int view = 1; view < p.views; ++view) {
+      if (!at[view].is_seen[i]) continue;
+      sample<C>(p.features + view * image, at[view], i, value[view]);
+      for (int k = 0; k < C / kLanes; ++k) mean[k] += value[view][k];
+    }
+    for (int k = 0; k < C / kLanes; ++k) {
+      mean[k] *= share;
+      scaled[k] = 2.0f * share * load(volume_gradient + voxel * C + k * kLanes);
+      float* target = gradient + pixel * C + k * kLanes;
+      const Lanes reference = load(p.features + pixel * C + k * kLanes);
+      store(target, load(target) + scaled[k] * (reference - mean[k]));
+    }
+    for (int view = 1; view < p.views; ++view) {
+      if (!at[view].is_seen[i]) continue;
+      for (int corner = 0; corner < 4; ++corner) {
+        const float weight = at[view].weight[corner][i];
+        float* into = gradient + view * image + at[view].offset[corner][i] * int64_t{C};
+        for (int k = 0; k < C / kLanes; ++k, into += kLanes)
+          store(into, load(into) + weight * (scaled[k] * (value[view][k] - mean[k])));
       }
+    }
+  });
 }
 
 template <typename T>
