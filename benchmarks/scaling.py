@@ -26,7 +26,7 @@ from mvsam.apps.bench.scaling import cases_along, fit_line
 from mvsam.files import write_json
 from mvsam.precision import resolve
 
-QUANTITIES = {"seconds": "seconds", "working_mib": "MiB beyond libraries and weights"}
+QUANTITIES = {"seconds": "seconds", "working_mib": "MiB beyond\nlibraries and weights"}
 AXES = {
     "views": "views",
     "planes": "planes of the coarsest stage",
@@ -79,7 +79,8 @@ def draw(record: dict, path: Path) -> None:
             axes.set_xlabel(title)
             axes.grid(alpha=0.3)
         row[0].set_ylabel(quantity_title)
-    grid[0, 0].legend()
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     figure.suptitle(
         f"{record['device']}, {record['threads']} threads, {record['precision']}", fontsize=9
     )

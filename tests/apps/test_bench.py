@@ -130,8 +130,16 @@ def test_ratios_hold_ours_against_the_textbook_in_equal_precision_and_in_float32
     assert found["float32"].stages == {
         stage: 8 for stage in ("cascade", "cascade.regularizers.0", "regularizers")
     }
-    (table,) = tables(measured)
-    assert table.row_count == 5
+
+
+def test_the_table_sets_all_references_beside_one_and_ours_beside_the_textbook():
+    one, textbook = fake("ours", "float32", 0.5), fake("textbook", "float32", 4.0)
+    three = replace(one, case=replace(one.case, num_references=3), seconds=0.8)
+    (table,) = tables([one, textbook, three])
+    columns = {str(column.header): list(column.cells) for column in table.columns}
+    assert columns["form"] == ["ours", "against float32", "textbook", "ours"]
+    assert columns["together"] == ["0.500", "8.0x", "4.000", "0.800"]
+    assert columns["of one"] == ["1.00x", "", "1.00x", "1.60x"]
 
 
 @pytest.mark.parametrize(

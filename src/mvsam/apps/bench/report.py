@@ -66,24 +66,29 @@ def with_regularizers(stages: Mapping[str, float]) -> dict[str, float]:
 
 
 def tables(measured: Sequence[Measurement]) -> list[Table]:
-    """One for predictions and one for training steps, those that were measured."""
+    """One for predictions and one for training steps, those that were measured.
+
+    "of one": seconds beside those of one reference.
+    """
     works = dict.fromkeys(m.case.work for m in measured)
     return [_table(work, [m for m in measured if m.case.work == work]) for work in works]
 
 
 def _table(work: Work, measured: Sequence[Measurement]) -> Table:
     table = Table("model", "precision", "form", title=TITLES[work])
-    for title in ("references", *STAGES[work].values(), "together", "MiB"):
+    for title in ("references", *STAGES[work].values(), "together", "of one", "MiB"):
         table.add_column(title, justify="right")
-    found = ratios(measured)
+    found, by_case = ratios(measured), {m.case: m for m in measured}
     for m in measured:
         named = (m.case.model, m.case.precision, m.case.form, str(m.case.num_references))
         cells = _stage_cells(work, with_regularizers(m.stages), "{:.3f}")
-        table.add_row(*named, *cells, f"{m.seconds:.3f}", f"{m.working_mib:.0f}")
+        one = by_case.get(replace(m.case, num_references=1), m)
+        cells += [f"{m.seconds:.3f}", f"{m.seconds / one.seconds:.2f}x", f"{m.working_mib:.0f}"]
+        table.add_row(*named, *cells)
         for ratio in found:
             if ratio.case == m.case:
                 cells = _stage_cells(work, ratio.stages, "{:.1f}x")
-                cells += [f"{ratio.seconds:.1f}x", f"{ratio.working_memory:.1f}x"]
+                cells += [f"{ratio.seconds:.1f}x", "", f"{ratio.working_memory:.1f}x"]
                 table.add_row("", "", f"against {ratio.against}", "", *cells, style="bold")
     return table
 
