@@ -1,7 +1,19 @@
-"""How much memory this process has taken at most."""
+"""How much memory this process takes, and has taken at most."""
 
 import platform
 from pathlib import Path
+
+
+def memory_in_use(device: str) -> int:
+    """Bytes of `device` ("cpu" or "cuda") that this process holds now, counted as `peak_memory`."""
+    if device == "cuda":
+        import torch
+
+        return torch.cuda.memory_allocated()
+    for line in _status_lines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) * 1024
+    return peak_memory(device)  # other systems do not say
 
 
 def peak_memory(device: str) -> int:

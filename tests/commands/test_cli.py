@@ -51,9 +51,12 @@ def test_help_names_every_verb_without_loading_torch(capsys):
         "eval",
         "models",
         "bench",
+        "export",
         "reconstruct",
         "rooms preview",
         "rooms export",
+        "data check",
+        "data convert",
     ],
 )
 def test_each_verb_explains_itself_with_an_example(verb: str, capsys):
@@ -105,6 +108,26 @@ def test_skipped_photos_are_warned_about_on_stderr(model, room: str, tmp_path: P
     captured = capsys.readouterr()
     assert "warning: " in captured.err and "0003" in captured.err
     assert "3 photos predicted, 1 skipped" in captured.out
+
+
+def test_predict_keeps_a_record_of_its_limits(model: FakeModel, room: str, tmp_path: Path):
+    options = ["--precision", "float32", "--max-memory", "100"]
+    assert predict(room, tmp_path, *options) == 0
+    run = json.loads((tmp_path / "out/run.json").read_text())
+    assert run["precision"] == "float32"
+    assert run["arguments"]["max_memory"] == 100 and run["arguments"]["feature_cache"] is None
+
+
+def test_predict_says_which_memory_limit_would_do(model: FakeModel, room: str, tmp_path, capsys):
+    assert predict(room, tmp_path, "--max-memory", "0.01") == 2
+    assert "a memory limit of 0.01 GB is too little" in capsys.readouterr().err
+
+
+def test_only_a_model_with_a_frozen_encoder_has_features_to_keep(
+    model: FakeModel, room: str, tmp_path, capsys
+):
+    assert predict(room, tmp_path, "--feature-cache", str(tmp_path / "kept")) == 2
+    assert "has no SAM encoder" in capsys.readouterr().err
 
 
 def test_eval_prints_the_scores_as_json(model: FakeModel, room: str, capsys):
@@ -181,3 +204,19 @@ def test_debug_shows_the_traceback(model, room: str, tmp_path: Path, capsys):
     model.fail_at = (1, ZeroDivisionError("by nothing"))
     assert predict(room, tmp_path, "--debug") == 1
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_data_check_tells_what_is_wrong_and_convert_writes_another_form(tmp_path: Path, capsys):
+    folder = tmp_path / "room"
+    write_posed_folder(folder, num_frames=5)
+    assert main(["data", "check", str(folder)]) == 0
+    assert "the cameras fit." in capsys.readouterr().out
+    for pose in (folder / "poses").iterdir():
+        np.savetxt(pose, np.linalg.inv(np.loadtxt(pose)))
+    assert main(["data", "check", str(folder), "--json"]) == 0
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["is_suspicious"] and "invert" in report["depth_verdict"]["sentence"]
+    out = tmp_path / "other"
+    assert main(["data", "convert", str(folder), "--out", str(out), "--to", "nerfstudio"]) == 0
+    assert len(json.loads((out / "transforms.json").read_text())["frames"]) == 5
+    assert main(["data", "convert", str(folder), "--out", str(folder)]) == 2

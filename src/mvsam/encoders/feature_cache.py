@@ -49,9 +49,9 @@ class FeatureCache:
             for index, features in zip(missing, compute(images[missing]), strict=True):
                 found[index] = features = features.detach().half().cpu()
                 self._write(paths[index], features)
-        return torch.stack([features for features in found if features is not None]).to(
-            images.device, torch.float32
-        )
+        # float32 first: autocast does not stack float16 on a CPU.
+        wide = [features.float() for features in found if features is not None]
+        return torch.stack(wide).to(images.device)
 
     def _path(self, image: Float[Tensor, "3 height width"]) -> Path:
         device = image.device.type
@@ -73,7 +73,8 @@ class FeatureCache:
 def _read(path: Path) -> Tensor | None:
     """The features in a file; None where there is none or it is damaged (its checksum says so)."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # Opened here, because NumPy leaves a file open in which it finds no archive.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return torch.from_numpy(stored["features"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

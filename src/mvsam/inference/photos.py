@@ -11,6 +11,7 @@ from mvsam.data.checks import check_intrinsics, check_pose
 from mvsam.errors import InputError
 from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.session import Session
+from mvsam.precision import Precision
 from mvsam.types import Frame
 
 MOST_VIEWS = 8
@@ -24,6 +25,7 @@ def predict(
     world_from_cam: Sequence[Any],
     depth_range: tuple[float, float] = (0.1, 5.0),
     references: Sequence[int] | None = None,
+    precision: Precision = "auto",
 ) -> list[PhotoPrediction]:
     """Depth, confidence and labels of each reference, at its photo's own size.
 
@@ -31,7 +33,8 @@ def predict(
     3x3 as OpenCV calibrates them (centre of the first pixel at (0, 0)), for the photos as given.
     `world_from_cam` are 4x4 camera-to-world, metres, axes x right, y down, z forward.
     `depth_range` is (nearest, farthest) in metres. `references` are indices of photos; all by
-    default. Each reference is seen together with all other photos.
+    default. Each reference is seen together with all other photos. `precision` auto takes bfloat16
+    where the processor or the GPU multiplies it natively.
 
     Raises `InputError` that names the photo which is not so.
     """
@@ -54,8 +57,10 @@ def predict(
             raise InputError(
                 f"reference {reference} is not a photo; they are numbered 0 to {len(frames) - 1}."
             )
-    session = Session(model, depth_range)
-    return [session.predict(frames, reference) for reference in chosen]
+    # The reference comes first: a measured depth belongs to view 0.
+    tuples = [[frames[r], *frames[:r], *frames[r + 1 :]] for r in chosen]
+    with Session(model, depth_range, precision=precision) as session:
+        return list(session.predict_all(tuples))
 
 
 def check_depth_range(depth_range: tuple[float, float]) -> None:

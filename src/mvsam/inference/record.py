@@ -12,6 +12,7 @@ from torch import nn
 
 from mvsam.errors import InputError
 from mvsam.memory import peak_memory
+from mvsam.precision import Precision, resolve
 from mvsam.provenance import versions
 from mvsam.types import Frame
 
@@ -25,6 +26,7 @@ def describe_run(
     frames: Sequence[Frame],
     num_views: int,
     depth_range: tuple[float, float],
+    precision: Precision,
     arguments: dict[str, Any] | None,
 ) -> dict[str, Any]:
     """The part of `run.json` that is known before the work begins."""
@@ -35,6 +37,7 @@ def describe_run(
         "weights_hash": getattr(model, "weights_hash", None) or hash_of_values(model),
         "num_views": num_views,
         "depth_range": list(depth_range),
+        "precision": resolve(precision, device_of(model).type),
         "arguments": arguments or {},
         "versions": versions(),
         "device": device_name(model),
@@ -67,7 +70,8 @@ def describe_cost(seconds: dict[str, float], photos: int) -> dict[str, Any]:
 
 def model_name(model: nn.Module) -> str:
     """The name its weights file gives it, or its class's."""
-    return model.info.model if hasattr(model, "info") else type(model).__name__  # pyright: ignore
+    info: Any = getattr(model, "info", None)
+    return info.model if info else type(model).__name__
 
 
 def hash_of_cameras(frames: Sequence[Frame]) -> str:
@@ -90,9 +94,14 @@ def hash_of_values(model: nn.Module) -> str:
     return digest.hexdigest()[:16]
 
 
+def device_of(model: nn.Module) -> torch.device:
+    """Where its parameters are."""
+    return next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
+
+
 def device_name(model: nn.Module) -> str:
     """The GPU's name, or the processor's architecture."""
-    device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
+    device = device_of(model)
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
     return f"cpu ({platform.machine()}, {torch.get_num_threads()} threads)"

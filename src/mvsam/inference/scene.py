@@ -15,11 +15,20 @@ from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import Scores
 from mvsam.files import write_json
-from mvsam.inference.outputs import OutputFolder
+from mvsam.inference.limits import REMEMBERED_PHOTOS, count_needs, photos_within
+from mvsam.inference.outputs import OutputFolder, PhotoPrediction
 from mvsam.inference.photos import MOST_VIEWS, check_depth_range
-from mvsam.inference.record import check_same_run, describe_cost, describe_run, is_same_run
+from mvsam.inference.record import (
+    check_same_run,
+    describe_cost,
+    describe_run,
+    device_of,
+    is_same_run,
+)
 from mvsam.inference.scoring import score_folder
-from mvsam.inference.session import Session
+from mvsam.inference.session import DEFAULT_SIZE, Session
+from mvsam.memory import memory_in_use
+from mvsam.precision import Precision
 from mvsam.types import Frame, Scene
 
 log = logging.getLogger("mvsam")
@@ -47,6 +56,8 @@ def predict_scene(
     references: Sequence[str] | None = None,
     overwrite: bool = False,
     save_npz: bool = False,
+    precision: Precision = "auto",
+    max_memory: int | None = None,
     arguments: dict[str, Any] | None = None,
     on_photo: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> SceneResult:
@@ -54,8 +65,11 @@ def predict_scene(
 
     Each reference is seen together with its `num_views` - 1 best sources; `references` are names
     of photos, all by default. Photos that are done are kept unless `overwrite`. `save_npz` adds
-    float32 depth. `arguments` are recorded in `run.json` as they are. `on_photo(done, total,
-    name)` is called after each photo.
+    float32 depth. `precision` auto takes bfloat16 where the processor or the GPU multiplies it
+    natively. `max_memory` are the bytes this process may come to hold where the model is (RAM or
+    GPU); with less, fewer photos are remembered, so it takes longer. It is an estimate
+    (`limits.count_needs`), not a guarantee. `arguments` are recorded in `run.json` as they are.
+    `on_photo(done, total, name)` is called after each photo.
 
     What exists in `out` is whole at any time; after an interruption the next call goes on.
     Raises `InputError` for bad input and `DiskFullError`.
@@ -69,17 +83,19 @@ def predict_scene(
         log.warning("%s: no other photo overlaps it; it is skipped.", name)
     if hint := pose_convention_hint(frames, depth_range):
         log.warning("%s: %s", scene.name, hint)
+    photos = _photos_within(max_memory, model, frames, num_views)
     folder = OutputFolder(Path(out))
-    run = describe_run(model, scene.name, frames, num_views, depth_range, arguments)
+    run = describe_run(model, scene.name, frames, num_views, depth_range, precision, arguments)
     chosen = [frames[views[0]] for views in tuples]
     _prepare(folder, run, chosen, overwrite, save_npz)
-    work = _Work(Session(model, depth_range), frames, folder, run, save_npz)
-    try:
-        work.predict_all(tuples, on_photo)
-    finally:
-        # Also after Ctrl-C: the index then lists the photos that are done.
-        if folder.kinds:
-            folder.write_index(frames, work.classes)
+    with Session(model, depth_range, photos, precision) as session:
+        work = _Work(session, frames, folder, run, save_npz)
+        try:
+            work.predict_all(tuples, on_photo)
+        finally:
+            # Also after Ctrl-C: the index then lists the photos that are done.
+            if folder.kinds:
+                folder.write_index(frames, work.classes)
     same_classes = getattr(scene, "classes", work.classes).names == work.classes.names
     num_classes = len(work.classes) if same_classes else None
     scores = score_folder(folder, scene.name, chosen, num_classes)
@@ -106,20 +122,21 @@ class _Work:
     def predict_all(
         self, tuples: Sequence[ViewTuple], on_photo: Callable[[int, int, str], None]
     ) -> None:
-        for count, views in enumerate(tuples, start=1):
-            name = self.frames[views[0]].name
-            if self.folder.is_done(name):
+        names = [self.frames[views[0]].name for views in tuples]
+        done = {name for name in names if self.folder.is_done(name)}
+        to_do = [v for name, v in zip(names, tuples, strict=True) if name not in done]
+        predictions = self.session.predict_all([[self.frames[v] for v in views] for views in to_do])
+        for count, name in enumerate(names, start=1):
+            if name in done:
                 self.kept.append(name)
             else:
-                self._predict_one(views)
+                self._write(self.frames[tuples[count - 1][0]], next(predictions))
                 self.written.append(name)
             on_photo(count, len(tuples), name)
         if self.written:
             self._write_run(describe_cost(self.session.stopwatch.seconds, len(self.written)))
 
-    def _predict_one(self, views: ViewTuple) -> None:
-        frame = self.frames[views[0]]
-        prediction = self.session.predict([self.frames[view] for view in views])
+    def _write(self, frame: Frame, prediction: PhotoPrediction) -> None:
         if not self.folder.kinds:
             self.folder.kinds = prediction.kinds(self.save_npz)
         if not self.written:
@@ -130,6 +147,18 @@ class _Work:
 
     def _write_run(self, cost: dict[str, Any]) -> None:
         write_json(self.folder.path / "run.json", self.run | {"kinds": self.folder.kinds} | cost)
+
+
+def _photos_within(
+    limit: int | None, model: nn.Module, frames: Sequence[Frame], num_views: int
+) -> int:
+    """How many encoded photos to remember; InputError where even the fewest are too many."""
+    if limit is None:
+        return REMEMBERED_PHOTOS
+    size = getattr(model, "input_size", DEFAULT_SIZE)
+    largest = max(width * height for width, height in (frame.size for frame in frames))
+    needs = count_needs(model, size, num_views, largest)
+    return photos_within(limit, memory_in_use(device_of(model).type), needs, num_views)
 
 
 def _class_table(model: nn.Module) -> ClassTable:

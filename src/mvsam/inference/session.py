@@ -1,26 +1,31 @@
-"""A model at work on the photos of one scene: each photo is read and encoded once."""
+"""A model at work on the photos of one scene: each photo is read and encoded once.
+
+References are decoded one by one: three in one batch took 1.3 times as long on a CPU (docs/log.md).
+"""
 
 import time
 from collections import OrderedDict, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import chain, pairwise
 from typing import Any
 
 import torch
 from torch import nn
 
+from mvsam.convolution import fold_batch_norm
 from mvsam.data.dataset import make_views
+from mvsam.inference.limits import REMEMBERED_PHOTOS
 from mvsam.inference.outputs import PhotoPrediction
+from mvsam.inference.reading import PhotoReader
+from mvsam.inference.record import device_of
 from mvsam.inference.upsampling import depth_at_size, labels_at_size, smooth_at_size
-from mvsam.precision import autocast
+from mvsam.precision import Precision, autocast
 from mvsam.types import Frame, Prediction, Views
 
 DEFAULT_SIZE = (320, 256)
 """(width, height) of the paper's network, for models that do not say theirs."""
-
-REMEMBERED_PHOTOS = 24
-"""Encoded photos kept at once; those of `base` take about 11 MB each."""
 
 
 class Stopwatch:
@@ -52,7 +57,8 @@ class Session:
     """Runs a model on tuples of frames, remembering the photos it saw last.
 
     A model with `encode` and `decode` encodes each photo once; any other is called as a whole.
-    Frames are told apart by name.
+    Frames are told apart by name. The model stays as it was; weights that change later do not count
+    here (`fold_batch_norm`). As a context manager a session ends its reading thread.
     """
 
     def __init__(
@@ -60,34 +66,51 @@ class Session:
         model: nn.Module,
         depth_range: tuple[float, float],
         remembered_photos: int = REMEMBERED_PHOTOS,
+        precision: Precision = "auto",
     ):
-        self.model = model
+        self.model = fold_batch_norm(model)
         self.depth_range = depth_range
+        self.precision: Precision = precision
         self.size: tuple[int, int] = getattr(model, "input_size", DEFAULT_SIZE)
-        self.device = next((p.device for p in model.parameters()), torch.device("cpu"))
+        self.device = device_of(model)
         self.can_encode = hasattr(model, "encode") and hasattr(model, "decode")
         self.stopwatch = Stopwatch()
+        self._reader = PhotoReader(self._read)
         self._encoded: OrderedDict[str, EncodedPhoto] = OrderedDict()
         self._remembered_photos = remembered_photos
 
-    def predict(self, frames: Sequence[Frame], reference: int = 0) -> PhotoPrediction:
-        """Depth, confidence and labels of `frames[reference]`, at its photo's size."""
-        with torch.inference_mode(), autocast(self.device.type), _evaluating(self.model):
+    def __enter__(self) -> "Session":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._reader.close()
+
+    def predict_all(self, tuples: Iterable[Sequence[Frame]]) -> Iterator[PhotoPrediction]:
+        """Depth, confidence and labels of each tuple's first frame, at its photo's size, in order.
+
+        While the model is at work on one tuple, the photos of the next one are read (the stopwatch
+        counts the waiting).
+        """
+        for frames, following in pairwise(chain(tuples, [()])):
+            soon = (*frames, *following)
+            self._reader.announce(frame for frame in soon if frame.name not in self._encoded)
+            yield self.predict(frames)
+
+    def predict(self, frames: Sequence[Frame]) -> PhotoPrediction:
+        """Depth, confidence and labels of the first frame, at its photo's size."""
+        with torch.inference_mode(), autocast(self.device.type, self.precision):
             photos = [self._encode(frame) for frame in frames]
             with self.stopwatch("decode"):
-                # The reference comes first: a measured depth belongs to view 0.
-                prediction = self._decode([photos.pop(reference), *photos])
+                prediction = self._decode(photos)
             with self.stopwatch("resize"):
-                return _at_photo_size(prediction, frames[reference].size)
+                return _at_photo_size(prediction, frames[0].size)
 
     def _encode(self, frame: Frame) -> EncodedPhoto:
         if frame.name in self._encoded:
             self._encoded.move_to_end(frame.name)
             return self._encoded[frame.name]
         with self.stopwatch("read"):
-            semantic_size = getattr(self.model, "semantic_size", None)
-            views = make_views([frame], self.size, self.depth_range, semantic_size)
-            views = views.to(self.device)
+            views = self._reader.take(frame).to(self.device)
         with self.stopwatch("encode"):
             features = _method(self.model, "encode")(views) if self.can_encode else None
         while len(self._encoded) >= self._remembered_photos:
@@ -95,6 +118,10 @@ class Session:
         views = replace(views, semantic_images=None)  # large, and encoded by now
         self._encoded[frame.name] = EncodedPhoto(views, features)
         return self._encoded[frame.name]
+
+    def _read(self, frame: Frame) -> Views:
+        semantic_size = getattr(self.model, "semantic_size", None)
+        return make_views([frame], self.size, self.depth_range, semantic_size)
 
     def _decode(self, photos: list[EncodedPhoto]) -> Prediction:
         """The model's word on the first photo."""
@@ -131,14 +158,3 @@ def _method(model: nn.Module, name: str) -> Callable[..., Any]:
     method = getattr(model, name)
     assert callable(method)
     return method
-
-
-@contextmanager
-def _evaluating(model: nn.Module) -> Iterator[None]:
-    """Evaluation mode inside, the mode it had before outside."""
-    was_training = model.training
-    model.eval()
-    try:
-        yield
-    finally:
-        model.train(was_training)
