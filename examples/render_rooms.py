@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from mvsam.data import SCANNET20, open_data
-from mvsam.rooms import export_posed_folder, preview_sheet
+from mvsam.data.convert import write_posed_folder
+from mvsam.rooms import preview_sheet
 
 
 def main() -> None:
@@ -24,7 +25,7 @@ def main() -> None:
     rooms = list(open_data(arguments.rooms, room_frames=arguments.frames))
     for room in rooms:
         folder = arguments.out / Path(room.name).name
-        export_posed_folder(room, folder)
+        list(write_posed_folder(room, folder, "PNG"))
         print(f"{room.name}: {len(room)} photos in {folder}")
     sheet = preview_sheet(rooms, np.array(SCANNET20.colors, np.uint8))
     sheet.save(arguments.out / "preview.png")

@@ -103,7 +103,7 @@ def test_every_command_and_option_of_the_documentation_exists(page: Path):
     for words in commands(page.read_text()):
         verb, *rest = words
         known = options(verb)
-        if verb == "rooms" and rest:
+        if verb in ("rooms", "data") and rest:
             known = options(verb, rest[0])
         if verb == "train" and rest and not rest[0].startswith("-") and rest[0] != "NAME":
             assert rest[0] in RUNS, f"{page.name}: no run {rest[0]}"
@@ -120,6 +120,8 @@ VERBS = [
     "models",
     "reconstruct",
     "rooms export",
+    "data check",
+    "data convert",
     "export",
     "bench",
 ]

@@ -12,6 +12,7 @@ from typing import Annotated
 import tyro
 
 from mvsam.commands.bench import Bench
+from mvsam.commands.data import Data
 from mvsam.commands.demo import Demo
 from mvsam.commands.evaluate import Evaluate
 from mvsam.commands.export import Export
@@ -31,6 +32,7 @@ Verb = (
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
     | Annotated[Rooms, tyro.conf.subcommand("rooms")]
+    | Annotated[Data, tyro.conf.subcommand("data")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )

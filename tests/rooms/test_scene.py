@@ -1,6 +1,7 @@
 """The rooms are the project's ground truth, so what they claim is checked here."""
 
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -154,7 +155,7 @@ def test_baselines_run_from_a_video_to_some_strides_and_wide_ones_turn_towards_t
     baselines, turns = [], []
     for index in range(24):
         poses = [c.world_from_cam for c in rooms.scene("val", index, 3, 32, 24).cameras]
-        for before, after in zip(poses, poses[1:], strict=False):
+        for before, after in pairwise(poses):
             baselines.append(np.linalg.norm(after[:3, 3] - before[:3, 3]))
             turns.append(np.degrees(np.arccos(before[:3, 2] @ after[:3, 2])))
     assert 0.02 < min(baselines) < 0.07 and 0.3 < max(baselines) < 0.9

@@ -62,13 +62,14 @@ class Export:
 
     def run(self) -> None:
         rooms = _rooms(self.data)
+        from mvsam.data.convert import write_posed_folder
         from mvsam.files import writable_folder
-        from mvsam.rooms import export_posed_folder
 
         writable_folder(self.out)
         with progress_bar() as progress:
             for room in progress.track(rooms, description="export rooms"):
-                export_posed_folder(room, self.out / Path(room.name).name)
+                for _ in write_posed_folder(room, self.out / Path(room.name).name, "PNG"):
+                    pass
         print(f"{len(rooms)} rooms in {self.out}")
 
 

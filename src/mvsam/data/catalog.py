@@ -17,20 +17,22 @@ def open_data(
     room_frames: int = 5,
     room_size: tuple[int, int] = (320, 256),
     cache: str | None = None,
+    scale: float = 1.0,
 ) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
     The end of a part is left out, as in Python's slices. A path is a scene, or a folder of scene
     folders, which come sorted by name. `room_frames` is the number of frames of each room,
     `room_size` their (width, height); rooms are rendered once where `cache` names a folder to keep
-    them in (other data lie on a disk already).
+    them in (other data lie on a disk already). `scale` is how many metres one unit of a path's
+    poses has.
     """
     if name.startswith("rooms:"):
         return _open_rooms(name, room_frames, room_size, cache)
     path = Path(name)
     if format is None and path.is_dir() and (folders := scene_folders(path)):
-        return [open_scene(folder) for folder in folders]
-    return [open_scene(path, format)]
+        return [open_scene(folder, scale=scale) for folder in folders]
+    return [open_scene(path, format, scale)]
 
 
 def scene_folders(path: Path) -> list[Path]:

@@ -1,6 +1,6 @@
 """The procedural world: furnished rooms with exact depth, labels and cameras."""
 
-from .export import export_posed_folder, preview_sheet
+from .preview import preview_sheet
 from .room import Room
 from .scene import SPLITS, VERSION, RoomScene, scene
 
@@ -9,7 +9,6 @@ __all__ = [
     "VERSION",
     "Room",
     "RoomScene",
-    "export_posed_folder",
     "preview_sheet",
     "scene",
 ]

@@ -1,0 +1,138 @@
+"""`mvsam data check` and `mvsam data convert`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from mvsam.commands.shared import Json, print_json, progress_bar
+from mvsam.errors import InputError
+
+if TYPE_CHECKING:
+    from mvsam.data.report import SceneReport
+
+Scenes = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SCENE")]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a scene holds, and whether its cameras fit its photos and its depth.
+
+    Example: mvsam data check my_room
+    """
+
+    scene: Scenes
+    """A scene's folder in any format, or rooms:val:0-1."""
+    depth_range: tuple[float, float] = (0.1, 5.0)
+    """Metres between which surfaces are expected."""
+    format: str | None = None
+    """The folder's format; none: found from its files."""
+    scale: float = 1.0
+    """Metres that one unit of the poses has."""
+    json: Json = False
+
+    def run(self) -> None:
+        from mvsam.data.catalog import open_data
+        from mvsam.data.report import report_scene
+
+        reports = [
+            report_scene(scene, self.depth_range)
+            for scene in open_data(self.scene, self.format, scale=self.scale)
+        ]
+        if self.json:
+            print_json(
+                [asdict(report) | {"is_suspicious": report.is_suspicious} for report in reports]
+            )
+        else:
+            print("\n\n".join(_as_text(report) for report in reports))
+
+
+@dataclass(frozen=True)
+class Convert:
+    """A scene of any format as a posed folder or in nerfstudio's form.
+
+    Example: mvsam data convert scans/scene0000_00 --out data/scene0000_00
+    """
+
+    scene: Scenes
+    """A scene's folder in any format, or rooms:val:0-1."""
+    out: Path
+    """The new folder; of several scenes each becomes a folder in it."""
+    to: Literal["posed-folder", "nerfstudio"] = "posed-folder"
+    """The form to write."""
+    format: str | None = None
+    """The folder's format; none: found from its files."""
+    scale: float = 1.0
+    """Metres that one unit of the poses has."""
+
+    def run(self) -> None:
+        from mvsam.data.catalog import open_data
+        from mvsam.data.convert import write_nerfstudio, write_posed_folder
+        from mvsam.files import writable_folder
+
+        write = {"posed-folder": write_posed_folder, "nerfstudio": write_nerfstudio}[self.to]
+        scenes = open_data(self.scene, self.format, scale=self.scale)
+        if self.out.resolve() == Path(self.scene).resolve():
+            raise InputError(f"{self.out}: is the scene itself; give another folder as --out.")
+        writable_folder(self.out)
+        with progress_bar() as progress:
+            for scene in scenes:
+                folder = self.out / Path(scene.name).name if len(scenes) > 1 else self.out
+                names = write(scene, folder)
+                for _ in progress.track(names, total=len(scene), description=scene.name):
+                    pass
+        print(f"{len(scenes)} scene{'s' if len(scenes) > 1 else ''} in {self.out}")
+
+
+@dataclass(frozen=True)
+class Data:
+    """Scenes on disk: look what is in them, whether their cameras can be right; convert them."""
+
+    action: tyro.conf.OmitSubcommandPrefixes[
+        Annotated[Check, tyro.conf.subcommand("check")]
+        | Annotated[Convert, tyro.conf.subcommand("convert")]
+    ]
+
+    def run(self) -> None:
+        self.action.run()
+
+
+def _as_text(report: SceneReport) -> str:
+    sizes = ", ".join(f"{width}x{height}" for width, height in report.sizes)
+    lines = [f"{report.name}: {report.num_frames} photos of {sizes}"]
+    if report.baselines:
+        lines.append(
+            "  nearest camera   {:.2f} / {:.2f} / {:.2f} m away, ".format(*report.baselines)
+            + "{:.0f} / {:.0f} / {:.0f} degrees turned (least / median / most)".format(
+                *report.turns
+            )
+        )
+    if report.depth_coverage is None:
+        lines.append("  depth            none")
+    else:
+        span = " / ".join(f"{depth:.2f}" for depth in report.depths)
+        lines.append(
+            f"  depth            {report.num_depth} photos, {report.depth_coverage:.0%} of their "
+            f"pixels; {span} m (1st / 50th / 99th percentile)"
+        )
+    shares = sorted(report.label_shares.items(), key=lambda item: -item[1])
+    named = ", ".join(f"{name} {share:.0%}" for name, share in shares if share >= 0.005)
+    lines.append(
+        f"  labels           {f'{report.num_labels} photos: {named}' if named else 'none'}"
+    )
+    photos = report.photo_hint or "nothing speaks against the poses."
+    lines.append(f"  by the photos    {photos}")
+    lines.append(f"  by the depth     {report.depth_verdict.sentence}")
+    lines.append(f"  verdict          {_verdict(report)}")
+    return "\n".join(lines)
+
+
+def _verdict(report: SceneReport) -> str:
+    if report.is_suspicious:
+        return "the cameras are wrong; mend them as said above."
+    if report.depth_verdict.fits:
+        return "the cameras fit."
+    return "nothing found against the cameras."

@@ -1,0 +1,96 @@
+"""Any scene written as a posed folder, or in nerfstudio's form."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from PIL import Image
+
+from mvsam.data.labels import SCANNET20
+from mvsam.files import write_json, write_whole
+from mvsam.geometry.depth_map import to_millimetres
+from mvsam.geometry.pose import OPENCV_FROM_OPENGL
+from mvsam.types import Frame, Scene
+
+PhotoFormat = Literal["JPEG", "PNG"]
+_JPEG = {"quality": 95, "subsampling": 0}
+
+
+def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
+    """Writes frame by frame, yielding each name when its files are whole.
+
+    What is there already is kept, so a stopped run goes on. Calibrations are written with integer
+    pixel centres, as OpenCV counts them: one `intrinsics.txt` where all photos share it.
+    """
+    half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    frames = [scene.frame(index) for index in range(len(scene))]
+    first = frames[0]
+    if all(f.size == first.size and (f.intrinsics == first.intrinsics).all() for f in frames):
+        _write_matrix(folder / "intrinsics.txt", first.intrinsics - half_pixel)
+    else:
+        for frame in frames:
+            matrix = folder / "intrinsics" / f"{frame.name}.txt"
+            _write_matrix(matrix, frame.intrinsics - half_pixel)
+    for frame in frames:
+        pose = folder / "poses" / f"{frame.name}.txt"  # written last, so it says that all is there
+        if not pose.exists():
+            _write_pixels(frame, folder, "color", photos)
+            _write_matrix(pose, frame.world_from_cam)
+        yield frame.name
+    if (tuples := scene.views()) is not None:
+        lines = ["# reference, then sources, best first"]
+        lines += [" ".join(frames[index].name for index in views) for views in tuples]
+        text = "\n".join([*lines, ""]).encode()
+        write_whole(folder / "views.txt", lambda file: file.write(text))
+    _write_classes(scene, folder)
+
+
+def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
+    """The same as `transforms.json` with `images/`, `depth/` and `labels/`."""
+    entries = []
+    for index in range(len(scene)):
+        frame = scene.frame(index)
+        files = _write_pixels(frame, folder, "images", photos)
+        k, (width, height) = frame.intrinsics, frame.size
+        entries.append(
+            files
+            | {"w": width, "h": height, "fl_x": k[0, 0], "fl_y": k[1, 1]}
+            | {"cx": k[0, 2], "cy": k[1, 2]}
+            | {"transform_matrix": (frame.world_from_cam @ OPENCV_FROM_OPENGL).tolist()}
+        )
+        yield frame.name
+    content: dict[str, Any] = {"camera_model": "PINHOLE", "depth_unit_scale_factor": 1e-3}
+    write_json(folder / "transforms.json", content | {"frames": entries})
+
+
+def _write_pixels(frame: Frame, folder: Path, place: str, photos: PhotoFormat) -> dict[str, str]:
+    """Photo, depth and labels; the keys are nerfstudio's, the paths relative to the folder."""
+    ending, options = ("jpg", _JPEG) if photos == "JPEG" else ("png", {})
+    files = {"file_path": f"{place}/{frame.name}.{ending}"}
+    _save(folder / files["file_path"], Image.fromarray(frame.image), photos, **options)
+    if (depth := frame.depth) is not None:
+        files["depth_file_path"] = f"depth/{frame.name}.png"
+        _save(folder / files["depth_file_path"], Image.fromarray(to_millimetres(depth)), "PNG")
+    if (labels := frame.labels) is not None:
+        files["label_file_path"] = f"labels/{frame.name}.png"
+        _save(folder / files["label_file_path"], Image.fromarray(labels), "PNG")
+    return files
+
+
+def _write_classes(scene: Scene, folder: Path) -> None:
+    classes = getattr(scene, "classes", SCANNET20)
+    if classes != SCANNET20:
+        pairs = zip(classes.names, classes.colors, strict=True)
+        content = [{"name": name, "color": list(color)} for name, color in pairs]
+        text = json.dumps(content, indent=1).encode()
+        write_whole(folder / "classes.json", lambda file: file.write(text))
+
+
+def _save(path: Path, picture: Image.Image, format: str, **options: Any) -> None:
+    write_whole(path, lambda file: picture.save(file, format=format, **options))
+
+
+def _write_matrix(path: Path, matrix: np.ndarray) -> None:
+    write_whole(path, lambda file: np.savetxt(file, matrix, fmt="%.9g"))

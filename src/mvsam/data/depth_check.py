@@ -1,0 +1,163 @@
+"""Finds out from measured depth whether the cameras were written the way we read them.
+
+The depth of one frame, carried into another, must meet the depth measured there. Each way the files
+may have been meant is tried; the one whose surfaces meet is right.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
+from mvsam.data.pose_check import AS_GIVEN, MAXIMUM_FRAMES, READINGS
+from mvsam.data.transforms import resize_intrinsics, resize_nearest
+from mvsam.types import Frame
+
+DepthRange = tuple[float, float]
+Poses = Float[np.ndarray, "camera 4 4"]
+
+SIZE = (80, 60)
+"""(width, height) at which depth is compared, pixels."""
+TOLERANCE = 0.03
+"""Of the depth, within which two surfaces are one."""
+NUM_REFERENCES = 6
+FEWEST_FRAMES = 3
+FITS, FAILS = 0.5, 0.3
+"""Agreement from which on cameras fit the depth, and below which nothing fits."""
+MARGIN = 0.08
+"""Of agreement, by which another reading must beat the given one to be believed."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way the files may have been meant; `remedy` is a sentence's end after "the cameras"."""
+
+    remedy: str
+    poses: Callable[[np.ndarray], np.ndarray] = lambda poses: poses
+    intrinsics_factor: float = 1.0
+
+
+def _moved(factor: float) -> Callable[[np.ndarray], np.ndarray]:
+    factors = np.ones((4, 4))
+    factors[:3, 3] = factor
+    return lambda poses: poses * factors
+
+
+def _turned_back(poses: np.ndarray) -> np.ndarray:
+    result = poses.copy()
+    result[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
+    return result
+
+
+HALF_SIZE = "have intrinsics for photos of half the size; double their first two rows"
+DOUBLE_SIZE = "have intrinsics for photos of twice the size; halve their first two rows"
+ALL_READINGS = (
+    Reading(AS_GIVEN),
+    *(Reading(f"are {name}", meant) for name, meant in READINGS.items() if name != AS_GIVEN),
+    Reading("have transposed rotations; transpose the upper left 3x3 of each", _turned_back),
+    Reading("have translations in millimetres; divide them by 1000", _moved(1e-3)),
+    Reading("have translations in kilometres; multiply them by 1000", _moved(1e3)),
+    Reading(HALF_SIZE, intrinsics_factor=2.0),
+    Reading(DOUBLE_SIZE, intrinsics_factor=0.5),
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the depth says about the cameras."""
+
+    fits: bool | None
+    """None: it cannot tell."""
+    sentence: str
+    agreement: dict[str, float]
+    """For each reading, the share of the compared pixels whose surfaces meet, 0..1."""
+
+
+def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
+    """The verdict of all frames with measured depth, at most 200 of them, evenly spread."""
+    with_depth = [frame for frame in frames if frame.load_depth is not None]
+    with_depth = with_depth[:: -(-len(with_depth) // MAXIMUM_FRAMES) or 1]
+    if len(with_depth) < FEWEST_FRAMES:
+        few = f"{len(with_depth)} frames with depth are not enough to judge the cameras by."
+        return Verdict(None, few, {})
+    pairs = _pairs(with_depth, depth_range)
+    scores = {r.remedy: _agreement(with_depth, pairs, r) for r in ALL_READINGS}
+    best = max(scores, key=lambda remedy: scores[remedy])
+    given = scores[AS_GIVEN]
+    if scores[best] < FAILS:
+        sentence = f"no convention fits: at best {scores[best]:.0%} of the surfaces meet."
+        return Verdict(False, f"{sentence} Are the poses those of these photos?", scores)
+    if scores[best] - given > MARGIN:
+        sentence = f"the cameras {best} ({scores[best]:.0%} of the surfaces then meet, not "
+        return Verdict(False, f"{sentence}{given:.0%}).", scores)
+    if given < FITS:
+        weak = f"only {given:.0%} of the surfaces meet, under any other convention no more."
+        return Verdict(None, f"the depth does not tell whether the cameras fit: {weak}", scores)
+    others = [score for remedy, score in scores.items() if remedy != AS_GIVEN]
+    sentence = f"the cameras fit the depth: {given:.0%} of the surfaces meet"
+    return Verdict(True, f"{sentence} (at most {max(others):.0%} otherwise).", scores)
+
+
+def _pairs(frames: Sequence[Frame], depth_range: DepthRange) -> list[tuple[int, int]]:
+    """Neighbours in the recording, and photos that overlap as the poses are given."""
+    references = np.unique(np.linspace(0, len(frames) - 1, NUM_REFERENCES).round().astype(int))
+    cameras = Cameras.of(frames)
+    useful = frustum_overlap(cameras, depth_range) * angle_preference(cameras, depth_range)
+    pairs = {(int(r), int(useful[r].argmax())) for r in references if useful[r].any()}
+    for step in (1, 4):
+        pairs |= {(int(r), int(r) + step) for r in references if r + step < len(frames)}
+    return sorted(pairs)
+
+
+def _agreement(
+    frames: Sequence[Frame], pairs: Sequence[tuple[int, int]], reading: Reading
+) -> float:
+    """Mean over the better half of the pairs: others may show different things."""
+    scores = []
+    for pair in pairs:
+        here, there = (frames[index] for index in pair)
+        poses = reading.poses(np.stack([here.world_from_cam, there.world_from_cam]))
+        scores.append(_meeting(here, there, poses, reading.intrinsics_factor))
+    better_half = sorted(scores, reverse=True)[: (len(scores) + 1) // 2]
+    return float(np.mean(better_half)) if better_half else 0.0
+
+
+def _meeting(here: Frame, there: Frame, poses: Poses, factor: float) -> float:
+    """Share of `here`'s surfaces, carried into `there`, that meet the surface measured there.
+
+    Where less than a fifth of them comes into view, a fifth is what they are a share of.
+    """
+    points, count = _points(here, factor)
+    there_from_here = np.linalg.inv(poses[1]) @ poses[0]
+    moved = points @ there_from_here[:3, :3].T + there_from_here[:3, 3]
+    z = moved[:, 2]
+    ahead = z > 1e-3
+    projected = moved[ahead] @ _intrinsics(there, factor).T
+    column, row = np.floor(projected[:, :2] / projected[:, 2:]).T
+    inside = (column >= 0) & (column < SIZE[0]) & (row >= 0) & (row < SIZE[1])
+    measured = _depth(there)[row[inside].astype(int), column[inside].astype(int)]
+    known = measured > 0
+    met = np.abs(z[ahead][inside][known] - measured[known]) < TOLERANCE * measured[known]
+    return float(met.sum() / max(known.sum(), 0.2 * count, 1))
+
+
+def _points(frame: Frame, factor: float) -> tuple[np.ndarray, int]:
+    """Surface points in camera axes, and how many there are."""
+    depth = _depth(frame)
+    rows, columns = np.nonzero(depth > 0)
+    pixels = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
+    rays = pixels @ np.linalg.inv(_intrinsics(frame, factor)).T
+    return rays * depth[rows, columns, None], len(rows)
+
+
+def _intrinsics(frame: Frame, factor: float) -> np.ndarray:
+    small = resize_intrinsics(frame.intrinsics, frame.size, SIZE)
+    return small * np.array([[factor], [factor], [1.0]])
+
+
+def _depth(frame: Frame) -> np.ndarray:
+    depth = frame.depth
+    assert depth is not None
+    return resize_nearest(depth, SIZE).astype(np.float64)

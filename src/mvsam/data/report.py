@@ -1,0 +1,113 @@
+"""What a scene holds, in numbers that show what is wrong with it before an hour is spent on it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mvsam.data.depth_check import Verdict, depth_verdict
+from mvsam.data.labels import SCANNET20
+from mvsam.data.pose_check import pose_convention_hint
+from mvsam.types import IGNORE, Frame, Scene
+
+DepthRange = tuple[float, float]
+
+SAMPLED_FRAMES = 50
+"""Evenly spaced frames whose depth and labels are looked at."""
+
+
+@dataclass(frozen=True)
+class SceneReport:
+    """`mvsam data check`, as a record."""
+
+    name: str
+    num_frames: int
+    sizes: list[tuple[int, int]]
+    """(width, height) of the photos, each that occurs."""
+    baselines: list[float]
+    """Metres to the nearest other camera: least, median, most."""
+    turns: list[float]
+    """Degrees between the optical axes of those two: least, median, most."""
+    num_depth: int
+    """Frames with measured depth."""
+    depth_coverage: float | None
+    """Share of pixels with a depth, 0..1; None without depth."""
+    depths: list[float]
+    """1st, 50th and 99th percentile, metres; empty without depth."""
+    num_labels: int
+    label_shares: dict[str, float]
+    """Of the pixels of frames with labels, by class name, and "unlabelled"."""
+    photo_hint: str | None
+    """What the photos and viewing frusta say against the poses; None: nothing."""
+    depth_verdict: Verdict
+    """What the depth says about the cameras."""
+
+    @property
+    def is_suspicious(self) -> bool:
+        """Whether the cameras seem wrong. Depth, where it can tell, overrules the photos."""
+        if self.depth_verdict.fits is not None:
+            return not self.depth_verdict.fits
+        return self.photo_hint is not None
+
+
+def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneReport:
+    """Looks at every camera and at the pixels of at most 50 frames."""
+    frames = [scene.frame(index) for index in range(len(scene))]
+    sampled = frames[:: -(-len(frames) // SAMPLED_FRAMES)]
+    baselines, turns = _neighbours(frames)
+    coverage, depths = _depth_statistics(sampled)
+    return SceneReport(
+        name=scene.name,
+        num_frames=len(frames),
+        sizes=sorted({frame.size for frame in frames}),
+        baselines=baselines,
+        turns=turns,
+        num_depth=sum(frame.load_depth is not None for frame in frames),
+        depth_coverage=coverage,
+        depths=depths,
+        num_labels=sum(frame.load_labels is not None for frame in frames),
+        label_shares=_label_shares(sampled, getattr(scene, "classes", SCANNET20).names),
+        photo_hint=pose_convention_hint(frames, depth_range),
+        depth_verdict=depth_verdict(frames, depth_range),
+    )
+
+
+def _neighbours(frames: Sequence[Frame]) -> tuple[list[float], list[float]]:
+    if len(frames) < 2:
+        return [], []
+    poses = np.stack([frame.world_from_cam for frame in frames])
+    distances, turns = [], []
+    for index, pose in enumerate(poses):  # a row at a time: scans have thousands of frames
+        distance = np.linalg.norm(poses[:, :3, 3] - pose[:3, 3], axis=1)
+        distance[index] = np.inf
+        nearest = int(distance.argmin())
+        distances.append(distance[nearest])
+        cosine = np.clip(pose[:3, 2] @ poses[nearest, :3, 2], -1, 1)
+        turns.append(np.degrees(np.arccos(cosine)))
+    return _spread(distances, (0, 50, 100)), _spread(turns, (0, 50, 100))
+
+
+def _depth_statistics(frames: Sequence[Frame]) -> tuple[float | None, list[float]]:
+    maps = [depth[::4, ::4].ravel() for frame in frames if (depth := frame.depth) is not None]
+    if not maps:
+        return None, []
+    values = np.concatenate(maps)
+    known = values[values > 0]
+    return float((values > 0).mean()), _spread(known, (1, 50, 99)) if len(known) else []
+
+
+def _label_shares(frames: Sequence[Frame], names: Sequence[str]) -> dict[str, float]:
+    counts = np.zeros(256, dtype=np.int64)
+    for frame in frames:
+        if (labels := frame.labels) is not None:
+            counts += np.bincount(labels.ravel(), minlength=256)
+    if not counts.any():
+        return {}
+    shares = counts / counts.sum()
+    return {name: float(shares[i]) for i, name in enumerate(names) if counts[i]} | {
+        "unlabelled": float(shares[IGNORE])
+    }
+
+
+def _spread(values, percentiles: tuple[int, ...]) -> list[float]:
+    return [float(value) for value in np.percentile(values, percentiles)]

@@ -1,0 +1,103 @@
+"""Cameras against measured depth: the right reading is found, whatever was broken."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mvsam.data.depth_check import HALF_SIZE, depth_verdict
+from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.report import report_scene
+from mvsam.types import Frame
+from tests.synthetic import write_posed_folder
+
+RANGE = (0.1, 5.0)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory) -> list[Frame]:
+    """Ten views that stride and turn, so that every wrong reading is far off."""
+    folder = tmp_path_factory.mktemp("box")
+    write_posed_folder(folder, num_frames=10)
+    scene = PosedFolder(folder)
+    return [scene.frame(index) for index in range(len(scene))]
+
+
+def changed(frames, pose=lambda p: p, intrinsics=lambda k: k) -> list[Frame]:
+    return [
+        replace(f, world_from_cam=pose(f.world_from_cam), intrinsics=intrinsics(f.intrinsics))
+        for f in frames
+    ]
+
+
+def moved_by_thousand(pose: np.ndarray) -> np.ndarray:
+    result = pose.copy()
+    result[:3, 3] *= 1000
+    return result
+
+
+def turned_back(pose: np.ndarray) -> np.ndarray:
+    result = pose.copy()
+    result[:3, :3] = pose[:3, :3].T
+    return result
+
+
+def test_right_cameras_fit(frames):
+    verdict = depth_verdict(frames, RANGE)
+    assert verdict.fits
+    assert verdict.agreement["as given"] > 0.9
+
+
+@pytest.mark.parametrize(
+    "pose, remedy",
+    [
+        (np.linalg.inv, "world-to-camera; invert"),
+        (lambda pose: pose @ np.diag([1.0, -1, -1, 1]), "in OpenGL axes"),
+        (moved_by_thousand, "millimetres"),
+        (turned_back, "transposed rotations"),
+    ],
+    ids=["inverse", "opengl", "millimetres", "transposed"],
+)
+def test_wrong_poses_are_named_with_the_remedy(frames, pose, remedy):
+    verdict = depth_verdict(changed(frames, pose), RANGE)
+    assert verdict.fits is False
+    assert remedy in verdict.sentence
+
+
+def test_intrinsics_of_half_the_size_are_named(frames):
+    halved = changed(frames, intrinsics=lambda k: k * np.array([[0.5], [0.5], [1]]))
+    verdict = depth_verdict(halved, RANGE)
+    assert verdict.fits is False and HALF_SIZE in verdict.sentence
+
+
+def test_poses_of_other_photos_fit_nothing(frames):
+    dice = np.random.default_rng(0)
+    wild = []
+    for frame in frames:
+        pose = np.eye(4)
+        pose[:3, :3] = np.linalg.qr(dice.normal(size=(3, 3)))[0]
+        pose[:3, :3] *= np.linalg.det(pose[:3, :3])
+        pose[:3, 3] = dice.normal(size=3)
+        wild.append(replace(frame, world_from_cam=pose))
+    verdict = depth_verdict(wild, RANGE)
+    assert verdict.fits is False and "no convention fits" in verdict.sentence
+
+
+def test_too_little_depth_is_no_verdict(frames):
+    assert depth_verdict(frames[:2], RANGE).fits is None
+    without = [replace(frame, load_depth=None) for frame in frames]
+    assert depth_verdict(without, RANGE).fits is None
+
+
+def test_a_report_counts_what_the_folder_holds(tmp_path):
+    truth = write_posed_folder(tmp_path, num_frames=6)
+    report = report_scene(PosedFolder(tmp_path), RANGE)
+    assert (report.num_frames, report.num_depth, report.num_labels) == (6, 6, 6)
+    assert report.sizes == [(64, 48)]
+    steps = np.linalg.norm(np.diff([v.world_from_cam[:3, 3] for v in truth], axis=0), axis=1)
+    np.testing.assert_allclose(report.baselines, [steps.min(), np.median(steps), steps.max()])
+    np.testing.assert_allclose(report.turns, 3.0, atol=1e-4)
+    assert report.depth_coverage == 1.0
+    labels = np.stack([view.labels for view in truth])
+    assert report.label_shares["floor"] == pytest.approx((labels == 1).mean())
+    assert not report.is_suspicious
