@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import pytest
+import timm
 import torch
 from safetensors.torch import save_file
 from torch import nn
@@ -87,6 +88,20 @@ def test_backbones_have_the_published_parameters(backbone, count: int):
         module, weights = backbone()
     assert sum(p.numel() for p in module.parameters()) == count
     assert weights == "random"
+
+
+@pytest.mark.parametrize(
+    "backbone, released, prefix",
+    [
+        (hrnet_w18_small_v2, lambda: timm.create_model("hrnet_w18_small_v2"), ""),
+        (vgg16, models.vgg16_bn, "features."),
+    ],
+)
+def test_backbones_are_found_by_name_in_the_released_classifiers(backbone, released, prefix: str):
+    with torch.device("meta"):
+        (module, _), whole = backbone(), released().state_dict()
+    for name, value in module.state_dict().items():
+        assert whole[prefix + name].shape == value.shape
 
 
 def test_hrnet_s_branches_meet_bilinearly_at_four_scales():

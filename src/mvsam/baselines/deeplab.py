@@ -1,7 +1,8 @@
 """DeepLab v2 (Chen et al., TPAMI 2018) and v3 (Chen et al., 2017) on a dilated ResNet-101.
 
 Both read a wide neighbourhood at 1/8 of the picture through convolutions of several dilations: v2
-adds up four of them, v3 mixes them with a global mean. No second scale and no random field.
+adds up four of them, v3 mixes three with a global mean. The publications' several scales of input
+and random field are left out.
 """
 
 from typing import Any
@@ -64,7 +65,8 @@ class DeepLabV2(Model):
         return self
 
     def parameter_groups(self, lr: float) -> list[dict[str, Any]]:
-        """The head's weights learn ten times as fast, its biases twenty times and undecayed."""
+        """`lr` is the backbone's; the head's weights learn ten times as fast, its biases twenty
+        times and undecayed."""
         head = dict(self.head.named_parameters())
         weights = [p for name, p in head.items() if name.endswith("weight")]
         biases = [p for name, p in head.items() if name.endswith("bias")]

@@ -76,7 +76,7 @@ class MtRefineNet(Model):
         return replace(prediction, depth=prediction.depth.relu())
 
     def parameter_groups(self, lr: float) -> list[dict[str, Any]]:
-        """The decoder learns ten times as fast as the backbone."""
+        """`lr` is the backbone's; the decoder learns ten times as fast."""
         backbone = {id(parameter) for parameter in self.backbone.parameters()}
         decoder = [p for p in self.parameters() if id(p) not in backbone]
         return [
@@ -137,7 +137,7 @@ class MtRefineNetLoss:
 
     semantics_weight: float = 0.5
     depth_weight: float = 0.5
-    """A metre."""
+    """Of a mean cost of one metre."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]

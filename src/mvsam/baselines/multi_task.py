@@ -47,7 +47,7 @@ class MultiTaskLoss:
 
     semantics_weight: float = 1.0
     depth_weight: float = 1.0
-    """A metre."""
+    """Of a mean cost of one metre."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]

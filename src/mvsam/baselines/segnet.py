@@ -3,15 +3,24 @@
 VGG-16 and its mirror image, which puts every value back where its maximum was found.
 """
 
+from itertools import pairwise
+
 import torch.nn.functional as F
 from torch import nn
+from torchvision.ops import Conv2dNormActivation
 
 from mvsam.baselines.backbones import vgg16
 from mvsam.baselines.imagenet import reference_image
 from mvsam.types import Model, Prediction, Views
 
-DECODER = ((512, 512, 512), (512, 512, 256), (256, 256, 128), (128, 64), (64,))
-"""Channels of the convolutions after each unpooling; one more gives the classes."""
+DECODER = (
+    (512, 512, 512, 512),
+    (512, 512, 512, 256),
+    (256, 256, 256, 128),
+    (128, 128, 64),
+    (64, 64),
+)
+"""Channels in and out of the 3x3 convolutions after each unpooling; one more gives the classes."""
 
 
 class SegNet(Model):
@@ -27,16 +36,11 @@ class SegNet(Model):
         for module in self.encoder:
             if isinstance(module, nn.MaxPool2d):
                 module.return_indices = True
-        channels, decoder = 512, []
-        for widths in DECODER:
-            layers = []
-            for width in widths:
-                layers += [nn.Conv2d(channels, width, 3, padding=1), nn.BatchNorm2d(width)]
-                layers += [nn.ReLU(inplace=True)]
-                channels = width
-            decoder.append(nn.Sequential(*layers))
-        self.decoder = nn.ModuleList(decoder)
-        self.head = nn.Conv2d(channels, num_classes, 3, padding=1)
+        self.decoder = nn.ModuleList(
+            nn.Sequential(*(Conv2dNormActivation(*pair, bias=True) for pair in pairwise(channels)))
+            for channels in DECODER
+        )
+        self.head = nn.Conv2d(64, num_classes, 3, padding=1)
         for module in (*self.decoder.modules(), self.head):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
