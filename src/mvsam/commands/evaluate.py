@@ -42,6 +42,10 @@ class Evaluate:
     Hugging Face id."""
     data: str = "rooms:val"
     """rooms:val, rooms:test, a part (rooms:val:0-10), or the path of one scene or of several."""
+    format: str | None = None
+    """Format of a scene's folder; found from its files where it is not given."""
+    scale: float = 1.0
+    """Metres that one unit of the poses has."""
     protocol: str = "paper"
     """Which pixels count, at which size: paper or real."""
     views: int | None = None
@@ -83,7 +87,7 @@ class Evaluate:
         from mvsam.data.dataset import TupleDataset
 
         samples = TupleDataset(
-            open_data(self.data),
+            open_data(self.data, self.format, scale=self.scale),
             num_views=self.views or protocol.num_views,
             size=protocol.size,
             depth_range=protocol.depth_range,

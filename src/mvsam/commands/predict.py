@@ -26,7 +26,7 @@ class Predict:
     """
 
     scene: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SCENE")]
-    """A scene's folder (color/, poses/, intrinsics.txt), a folder of such, or rooms:val:0-3."""
+    """A scene's folder in any format (docs/data.md), a folder of such, or rooms:val:0-3."""
     out: Path
     """Folder for the maps; of several scenes each gets a folder in it."""
     model: str = "tiny"
@@ -39,6 +39,8 @@ class Predict:
     """Names of the photos to predict, without ending; all where none is given."""
     format: str | None = None
     """Format of the scene; found from its files where it is not given."""
+    scale: float = 1.0
+    """Metres that one unit of the poses has; COLMAP's unit is arbitrary."""
     save_npz: bool = False
     """Write depth/NAME.npz too: float32, metres."""
     overwrite: bool = False
@@ -61,7 +63,7 @@ class Predict:
         model = load_model(self.model, self.device)
         if self.feature_cache is not None:
             cache_frozen_features(model, self.feature_cache)
-        scenes = open_data(self.scene, self.format)
+        scenes = open_data(self.scene, self.format, scale=self.scale)
         for scene in scenes:
             out = self.out if len(scenes) == 1 else self.out / scene.name
             result = predict_with_bar(self, model, scene, out)
