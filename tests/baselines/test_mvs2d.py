@@ -48,7 +48,7 @@ def test_where_all_hypotheses_look_alike_attention_is_even(moved, embedding: int
     with torch.no_grad():
         query, key = torch.randn(1, 2, 4, 8), torch.randn(1, 2, 4, 8)
         hypotheses = 1 + torch.rand(1, 32, 1, 1).expand(-1, -1, 4, 8)
-        answer = attention._ask(query, key, 1, views, hypotheses)
+        answer = attention.ask(query, key, 1, views, hypotheses)
         expected = attention.depth_embedding.mean(0) * attention.visible_embedding[embedding]
     torch.testing.assert_close(answer, expected[:, None, None].expand_as(answer[0])[None])
 
@@ -60,7 +60,7 @@ def test_attention_equals_the_slow_twin():
     hypotheses = torch.tensor([6.0, 3.0, 2.0, 1.0, 0.6, 0.4])[None, :, None, None]
     hypotheses = hypotheses.expand(-1, -1, 4, 8)
     with torch.no_grad():
-        answer = attention._ask(query, key, 1, views, hypotheses)[0]
+        answer = attention.ask(query, key, 1, views, hypotheses)[0]
     intrinsics = views.intrinsics[0].double().numpy() * [[[1 / 8], [1 / 8], [1]]]
     poses = views.world_from_cam[0].double().numpy()
     warped = plane_sweep.warped_volume(

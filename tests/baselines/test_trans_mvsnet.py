@@ -44,8 +44,10 @@ def test_a_deformable_convolution_begins_as_half_a_convolution_plus_bias():
 
 def test_its_offsets_are_rows_then_columns_and_its_mask_comes_last():
     layer, x = DeformableConv(2, 3), torch.randn(1, 2, 8, 8)
-    layer.offset_and_mask.bias.data[0:18:2] = 1.0  # every tap one row down
-    layer.offset_and_mask.bias.data[18:] = 20.0  # a sigmoid of one
+    bias = layer.offset_and_mask.bias
+    assert bias is not None
+    bias.data[0:18:2] = 1.0  # every tap one row down
+    bias.data[18:] = 20.0  # a sigmoid of one
     shifted = F.pad(x, (0, 0, 0, 1))[:, :, 1:]
     expected = F.conv2d(shifted, layer.weight, padding=1)
     torch.testing.assert_close(layer(x)[..., 1:-1, :], expected[..., 1:-1, :], atol=1e-5, rtol=1e-5)
@@ -89,6 +91,11 @@ def test_similarity_to_the_same_view_is_the_mean_square_at_every_depth():
     for similarity in source_similarities(features, views, hypotheses):
         expected = features[:, 0].square().mean(1)[:, None, None].expand(-1, -1, 5, -1, -1)
         torch.testing.assert_close(similarity, expected, atol=1e-4, rtol=1e-4)
+
+
+def test_a_single_view_is_refused():
+    with pytest.raises(ValueError, match="needs a source view"):
+        TransMVSNet()(random_views(num_views=1))
 
 
 def test_views_of_no_weight_do_not_count():

@@ -64,16 +64,21 @@ class EpipolarAttention(nn.Module):
         query = self.query(reference).float()
         hypotheses = depths[:, :, None, None].expand(-1, -1, *x.shape[-2:])
         answers = [
-            self._ask(query, self.key(features[:, view]).float(), view, views, hypotheses)
+            self.ask(query, self.key(features[:, view]).float(), view, views, hypotheses)
             for view in range(1, features.shape[1])
         ]
         sources = scale * torch.stack(answers).sum(0)
         result = self.from_sources(sources.to(x.dtype)) + self.from_reference(reference)
         return x + self.from_depth_branch(x) + result
 
-    def _ask(
-        self, query: Tensor, key: Tensor, view: int, views: Views, hypotheses: Tensor
-    ) -> Tensor:
+    def ask(
+        self,
+        query: Float[Tensor, "batch width rows columns"],
+        key: Float[Tensor, "batch width rows columns"],
+        view: int,
+        views: Views,
+        hypotheses: Float[Tensor, "batch plane rows columns"],
+    ) -> Float[Tensor, "batch width rows columns"]:
         """One source view's answer: the embeddings under its attention weights."""
         keys, is_visible = warp_and_look(key, view, views, hypotheses)
         scores = torch.einsum("bchw,bcphw->bphw", query, keys) / sqrt(query.shape[1])

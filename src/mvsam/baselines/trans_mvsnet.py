@@ -50,7 +50,7 @@ class DeformableConv(nn.Module):
     ) -> Float[Tensor, "images _channels height width"]:
         offset, mask = self.offset_and_mask(x).float().split([18, 9], dim=1)
         sampled = deform_conv2d(
-            x.float(), offset, self.weight, self.bias, padding=1, mask=torch.sigmoid(mask)
+            x.float(), offset, self.weight, self.bias, padding=(1, 1), mask=torch.sigmoid(mask)
         )
         return sampled.to(x.dtype)
 
@@ -105,7 +105,12 @@ class TransMVSNet(Model):
         )
 
     def forward(self, views: Views) -> Prediction:
-        """Depth and confidence at the picture's size; sides must be divisible by 32."""
+        """Depth and confidence at the picture's size; sides must be divisible by 32.
+
+        Raises ValueError without a source view.
+        """
+        if views.num_views < 2:
+            raise ValueError("TransMVSNet needs a source view beside the reference")
         stages: list[DepthStage] = []
         weights: list[Tensor] = []
         for index, features in enumerate(self.features(views)):
