@@ -1,11 +1,12 @@
 """A run of seconds through the real driver, here or in a process of its own.
 
-python -m tests.experiments.small_run FOLDER DATA [--devices N] [--kill-at STEP] [--gradients]
+python -m tests.experiments.small_run FOLDER DATA [--devices N] [--kill-at STEP] [--gradients VAL]
 """
 
 import argparse
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
@@ -34,8 +35,12 @@ def small_experiment(data: Path, steps: int, precision: str) -> Experiment:
 
 def run(folder: Path, data: Path, steps: int = 6, devices: int = 1, precision="auto") -> Path:
     """Trains to the end, or goes on where a killed run stopped."""
+    return drive(small_experiment(data, steps, precision), folder, devices)
+
+
+def drive(experiment: Experiment, folder: Path, devices: int) -> Path:
+    """The real driver on the small model."""
     with mock.patch("mvsam.build.TINY_SIDE", SIDE):
-        experiment = small_experiment(data, steps, precision)
         return train(experiment, folder, devices, accelerator="cpu", progress=False)
 
 
@@ -49,8 +54,11 @@ def killed_at(step: int):
     return mock.patch.object(TrainingModule, "on_train_batch_end", end_of_step)
 
 
-def gradients_of_one_step(folder: Path, data: Path, devices: int) -> None:
-    """Writes each process's gradients, just before the optimiser uses them."""
+def gradients_of_one_step(folder: Path, data: Path, val: Path, devices: int) -> None:
+    """Writes each process's gradients just before the optimiser uses them; scores it on `val`.
+
+    The learning rate is 0, so that the scores are those of the first weights.
+    """
 
     def write(module: TrainingModule, optimizer) -> None:
         gradients = {n: p.grad.clone() for n, p in module.named_parameters() if p.grad is not None}
@@ -67,7 +75,14 @@ def gradients_of_one_step(folder: Path, data: Path, devices: int) -> None:
         mock.patch.object(TrainingModule, "on_before_optimizer_step", write),
         mock.patch.object(TrainingModule, "on_train_batch_start", keep_statistics),
     ):
-        run(folder, data, steps=1, devices=devices, precision="32-true")
+        experiment = small_experiment(data, 1, "32-true")
+        experiment = replace(
+            experiment,
+            data=replace(experiment.data, val=str(val)),
+            optimizer=replace(experiment.optimizer, lr=0.0),
+            train=replace(experiment.train, val_every=1),
+        )
+        drive(experiment, folder, devices)
 
 
 def main() -> None:
@@ -76,11 +91,13 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("--devices", type=int, default=1)
     parser.add_argument("--kill-at", type=int)
-    parser.add_argument("--gradients", action="store_true")
+    parser.add_argument("--gradients", type=Path, metavar="VAL")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     if arguments.gradients:
-        gradients_of_one_step(arguments.folder, arguments.data, arguments.devices)
+        gradients_of_one_step(
+            arguments.folder, arguments.data, arguments.gradients, arguments.devices
+        )
     else:
         with killed_at(arguments.kill_at):
             run(arguments.folder, arguments.data)

@@ -1,5 +1,6 @@
 """The real driver on a run of seconds: resume after a kill, and two processes as one."""
 
+import csv
 import json
 import shutil
 import subprocess
@@ -7,56 +8,37 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
-from PIL import Image
 from safetensors.torch import load_file
 
 from mvsam import weights
 from mvsam.data.labels import SCANNET20
 from mvsam.errors import InputError
 from mvsam.experiments import driver
+from mvsam.experiments.checks import classes_of
 from mvsam.experiments.driver import (
-    classes_of,
+    device_of,
     initial_model,
     precision_of,
     train,
     use_plain_attention,
 )
 from mvsam.experiments.runs import find_run
+from mvsam.model import MultiViewSAM
 from mvsam.weights import load_into, read_info, read_tensors, save
+from tests.experiments.conftest import write_labelled_folder
 from tests.experiments.small_run import gradients_of_one_step, run, small_experiment
 from tests.small import SIDE, small_model
-from tests.synthetic import write_posed_folder
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Lightning's and TensorBoard's own
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    """A posed folder in which every pixel has depth and a label."""
-    folder = tmp_path_factory.mktemp("data") / "room"
-    write_posed_folder(folder, 5, (SIDE, SIDE))
-    for file in (folder / "labels").iterdir():
-        labels = np.array(Image.open(file))
-        Image.fromarray(np.where(labels == 255, 2, labels).astype(np.uint8)).save(file)
-    return folder
-
-
 def in_another_process(*arguments: object) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "tests.experiments.small_run", *map(str, arguments)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
-
-
-@pytest.fixture(scope="module")
-def finished(data: Path, tmp_path_factory) -> Path:
-    """The folder of a run that nobody interrupted."""
-    folder = tmp_path_factory.mktemp("whole")
-    run(folder, data)
-    return folder
 
 
 def test_a_killed_and_resumed_run_ends_with_the_weights_of_one_never_killed(
@@ -104,10 +86,24 @@ def test_training_changes_every_kind_of_weight(finished: Path):
     assert starts >= {"geometry_encoder", "semantic_encoder", "cascade", "prompt", "decoder"}
 
 
-def test_two_processes_give_the_gradients_of_one_with_the_doubled_batch(data: Path, tmp_path: Path):
-    gradients_of_one_step(tmp_path / "one", data, devices=1)
-    result = in_another_process(tmp_path / "two", data, "--devices", 2, "--gradients")
+def last_scores(folder: Path) -> list[float]:
+    """Rel and mIoU of the last validation."""
+    with (folder / "metrics.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["val/rel"]]
+    return [float(rows[-1][name]) for name in ("val/rel", "val/miou")]
+
+
+def test_two_processes_give_the_gradients_and_the_scores_of_one_with_the_doubled_batch(
+    data: Path, tmp_path: Path
+):
+    for index in range(3):  # which two processes cannot share evenly
+        write_labelled_folder(tmp_path / "val" / f"room{index}", baseline=0.08 + 0.02 * index)
+    gradients_of_one_step(tmp_path / "one", data, tmp_path / "val", devices=1)
+    arguments = (tmp_path / "two", data, "--gradients", tmp_path / "val", "--devices", 2)
+    result = in_another_process(*arguments)
     assert result.returncode == 0, result.stderr[-3000:]
+    # Sums over as many pixels, in float32 and perhaps on another number of threads.
+    assert last_scores(tmp_path / "two") == pytest.approx(last_scores(tmp_path / "one"), rel=1e-3)
     one = torch.load(tmp_path / "one" / "gradients0.pt")
     first, second = (torch.load(tmp_path / "two" / f"gradients{rank}.pt") for rank in (0, 1))
     assert one.keys() == first.keys() == second.keys()
@@ -150,10 +146,29 @@ def test_more_references_than_views_are_refused(data: Path, tmp_path: Path):
 
 
 def test_a_named_precision_is_kept_and_auto_follows_the_hardware(monkeypatch):
-    assert precision_of("32-true") == "32-true"
+    assert precision_of("32-true", "cpu") == "32-true"
     for has, expected in ((True, "bf16-mixed"), (False, "32-true")):
         monkeypatch.setattr(driver, "has_native_bfloat16", lambda device, has=has: has)
-        assert precision_of("auto") == expected
+        assert precision_of("auto", "cuda") == expected
+
+
+def test_the_processor_is_taken_where_it_is_asked_for_and_a_gpu_where_there_is_one(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert [device_of(name) for name in ("auto", "gpu", "cpu")] == ["cuda", "cuda", "cpu"]
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert [device_of(name) for name in ("auto", "cpu")] == ["cpu", "cpu"]
+    with pytest.raises(InputError, match="no CUDA device was found: leave --accelerator out"):
+        device_of("gpu")
+
+
+def test_attention_is_written_out_on_a_processor_alone(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr("mvsam.build.TINY_SIDE", SIDE)
+    for device, is_fused in (("cpu", False), ("cuda", True)):
+        model = initial_model(find_run("tiny_semantic").model, device)
+        assert isinstance(model, MultiViewSAM) and model.semantic_encoder is not None
+        blocks = model.semantic_encoder.backbone.blocks
+        assert all(block.attn.fused_attn is is_fused for block in blocks)  # pyright: ignore
 
 
 def test_the_last_checkpoint_is_loaded_with_the_run_s_own_record(finished: Path, monkeypatch):

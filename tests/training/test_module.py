@@ -79,6 +79,28 @@ def test_validation_logs_rel_and_miou_over_all_batches():
     assert logged["val/miou"] == pytest.approx((2 / 3 + 0) / 2)
 
 
+def test_a_scene_that_two_processes_looked_at_counts_once(monkeypatch):
+    """`all_gather_object` hands every process the shares of all."""
+    logged: dict = {}
+    module = module_for(Knows(2.0, 3), logged)
+    shares = []
+    for scenes in ((("a", 2.0), ("c", 4.0)), (("b", 4.0), ("a", 2.0))):
+        module.on_validation_epoch_start()
+        for name, depth in scenes:
+            targets = Targets(torch.full((1, 32, 32), depth), torch.full((1, 32, 32), 3))
+            module.validation_step(([name], random_views(height=32, width=32), targets), 0)
+        shares.append(module.scores)
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "get_world_size", lambda: 2)
+    monkeypatch.setattr(
+        torch.distributed,
+        "all_gather_object",
+        lambda gathered, own: gathered.__setitem__(slice(None), shares),
+    )
+    module.on_validation_epoch_end()
+    assert logged["val/rel"] == pytest.approx((0 + 0.5 + 0.5) / 3)
+
+
 def test_scores_do_not_leak_from_one_validation_into_the_next():
     logged: dict = {}
     module = module_for(Knows(2.0, 3), logged)

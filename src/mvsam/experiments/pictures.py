@@ -4,11 +4,14 @@ import torch
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 
-from mvsam.data.labels import SCANNET20, colorize
+from mvsam.data.labels import ClassTable, colorize
 
 
 class ValidationPictures(Callback):
     """Photo, depth and labels of one validation sample, prediction above ground truth."""
+
+    def __init__(self, classes: ClassTable):
+        self.classes = classes
 
     def on_validation_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs, batch, batch_idx: int, *_
@@ -24,15 +27,14 @@ class ValidationPictures(Callback):
             top.append((prediction.depth[0] / far).clamp(0, 1).expand(3, -1, -1))
             bottom.append((targets.depth[0] / far).clamp(0, 1).expand(3, -1, -1))
         if prediction.labels is not None:
-            top.append(_label_picture(prediction.labels[0]))
-            bottom.append(_label_picture(targets.labels[0]))
+            top.append(self._label_picture(prediction.labels[0]))
+            bottom.append(self._label_picture(targets.labels[0]))
         picture = torch.cat(
             [torch.cat([x.float().cpu() for x in row], -1) for row in (top, bottom)], -2
         )
         for logger in loggers:
             logger.experiment.add_image("val/first", picture, trainer.global_step)
 
-
-def _label_picture(labels: torch.Tensor) -> torch.Tensor:
-    colors = colorize(labels.cpu().numpy().astype("uint8"), SCANNET20)
-    return torch.from_numpy(colors).permute(2, 0, 1) / 255
+    def _label_picture(self, labels: torch.Tensor) -> torch.Tensor:
+        colors = colorize(labels.cpu().numpy().astype("uint8"), self.classes)
+        return torch.from_numpy(colors).permute(2, 0, 1) / 255

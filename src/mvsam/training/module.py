@@ -62,18 +62,22 @@ class TrainingModule(LightningModule):
         return torch.stack([parts["loss"] for parts in losses]).mean()
 
     def on_validation_epoch_start(self) -> None:
-        self.scores = SceneScores()
+        self.scores: dict[str, SceneScores] = {}
 
     def validation_step(self, batch: tuple[list[str], Views, Targets], batch_index: int) -> None:
-        _, views, targets = batch
+        scenes, views, targets = batch
         size = (views.width, views.height)
         protocol = Protocol("validation", size=size, depth_range=self.depth_range)
         prediction = self.model(views)
-        for item in range(len(targets.depth)):
-            self.scores += score_item(prediction, targets, item, protocol)
+        for item, scene in enumerate(scenes):
+            scores = score_item(prediction, targets, item, protocol)
+            self.scores[scene] = self.scores.get(scene, SceneScores()) + scores
 
     def on_validation_epoch_end(self) -> None:
-        scores = self.scores.as_json()
+        """Scores over all processes; a scene that two of them looked at counts once."""
+        scenes = _of_all_processes(self.scores)
+        # In one order, so that rounding does not depend on who looked at which.
+        scores = sum((scenes[name] for name in sorted(scenes)), SceneScores()).as_json()
         for name in ("rel", "miou"):
             if scores[name] is not None:
                 self.log(f"val/{name}", scores[name], prog_bar=True, sync_dist=True)
@@ -84,6 +88,14 @@ class TrainingModule(LightningModule):
             "optimizer": optimizer,
             "lr_scheduler": {"scheduler": schedule, "interval": "step"},
         }
+
+
+def _of_all_processes(own: dict[str, SceneScores]) -> dict[str, SceneScores]:
+    if not (torch.distributed.is_available() and torch.distributed.is_initialized()):
+        return own
+    shares: list = [None] * torch.distributed.get_world_size()
+    torch.distributed.all_gather_object(shares, own)
+    return {name: scores for share in shares for name, scores in share.items()}
 
 
 def predict_references(model: nn.Module, views: Views, num_references: int) -> list[Prediction]:

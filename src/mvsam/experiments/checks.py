@@ -1,0 +1,70 @@
+"""Before a run begins: do its settings fit each other, its data, and the run it goes on from?"""
+
+import json
+import logging
+from pathlib import Path
+
+from mvsam.data.catalog import open_data
+from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.errors import InputError
+from mvsam.experiments.config import Experiment
+
+log = logging.getLogger("mvsam")
+
+
+def check_settings(experiment: Experiment, num_processes: int) -> None:
+    """InputError where settings contradict each other or the number of processes."""
+    if experiment.train.batch_size % num_processes:
+        raise InputError(
+            f"run {experiment.name}: a batch of {experiment.train.batch_size} cannot be shared by "
+            f"{num_processes} processes; change --train.batch-size."
+        )
+    if any(side % 32 for side in experiment.data.size):
+        raise InputError(
+            f"run {experiment.name}: pictures of {experiment.data.size[0]}x"
+            f"{experiment.data.size[1]}; both sides of --data.size must be divisible by 32."
+        )
+    if experiment.model.feature_cache and (experiment.data.mirror or experiment.data.color_jitter):
+        raise InputError(
+            f"run {experiment.name}: --model.feature-cache keeps features of pictures that come "
+            "again, and --data.mirror and --data.color-jitter change them; leave one of them out."
+        )
+    if experiment.data.references > experiment.data.num_views:
+        raise InputError(
+            f"run {experiment.name}: {experiment.data.references} references of "
+            f"{experiment.data.num_views} views; at most every view can serve once."
+        )
+
+
+def classes_of(experiment: Experiment) -> ClassTable:
+    """The classes of the training scenes: those a folder brings, else ScanNet's 20."""
+    first = open_data(experiment.data.train)[0]
+    classes = getattr(first, "classes", SCANNET20)
+    wanted = experiment.model.num_classes
+    if wanted not in (None, len(classes)):
+        raise InputError(
+            f"run {experiment.name}: --model.num-classes {wanted}, but {experiment.data.train} has "
+            f"{len(classes)} classes; leave the option out."
+        )
+    watched = getattr(open_data(experiment.data.val)[0], "classes", SCANNET20)
+    if watched.names != classes.names:
+        raise InputError(
+            f"run {experiment.name}: {experiment.data.val} has other classes than "
+            f"{experiment.data.train}; give scenes of the same classes as --data.val."
+        )
+    return classes
+
+
+def warn_of_changes(experiment: Experiment, page: Path) -> None:
+    """Says which settings differ from those the run began with."""
+    if not page.exists():
+        return
+    before, now = json.loads(page.read_text()), experiment.as_json()
+    for group, settings in now.items():
+        if not isinstance(settings, dict):
+            continue
+        known = before.get(group, {})
+        for name, value in settings.items():
+            old = known.get(name, value)  # settings of later versions had no say then
+            if old != value:
+                log.warning("%s: goes on with %s.%s %s, not %s.", page, group, name, value, old)
