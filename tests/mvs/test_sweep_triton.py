@@ -126,6 +126,15 @@ def test_torch_can_trace_and_compile_it():
     torch.library.opcheck(torch.ops.mvsam.sweep_variance.default, (features, *cameras))
 
 
+def test_a_second_derivative_is_refused():
+    features = torch.randn(1, 2, 4, 2, 3, device=DEVICE, requires_grad=True)
+    cameras = torch.rand(1, 2, 12, device=DEVICE), torch.rand(1, 1, 2, 3, device=DEVICE)
+    volume = sweep_triton.sweep_variance(features, *cameras)
+    (gradient,) = torch.autograd.grad(volume.square().sum(), features, create_graph=True)
+    with pytest.raises(RuntimeError, match="no autograd formula"):
+        gradient.sum().backward()
+
+
 def gpu_problem(dtype=torch.bfloat16):
     """Shapes only: a `FakeTensor` is on a GPU that need not exist."""
     features = torch.empty(1, 3, 8, 6, 7, device="cuda", dtype=dtype)
