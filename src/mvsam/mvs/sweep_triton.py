@@ -9,8 +9,8 @@ they come in, which under autocast is bfloat16 and half the traffic; sums are fl
 
 A program sweeps eight planes over a run of pixels, one plane after the other: the reference's
 features stay in registers, and neighbouring planes find their samples in the cache of the plane
-before, since they lie about a pixel apart. 128 threads hold four values each, so the float32
-gradient leaves in 16-byte atomic additions without changing hands between threads.
+before, since they lie about a pixel apart. 128 threads hold four values each; on Hopper and later
+the float32 gradient then leaves in 16-byte atomic additions, straight from the thread that has it.
 """
 
 from typing import no_type_check
