@@ -65,6 +65,19 @@ def test_folding_also_serves_where_one_dnn_is_not_called():
     torch.testing.assert_close(fold_batch_norm(model)(volume), model(volume), atol=1e-5, rtol=1e-5)
 
 
+def test_what_cannot_be_folded_is_left():
+    reflecting = nn.Conv2d(3, 3, 3, padding=1, padding_mode="reflect")
+    without_statistics = nn.BatchNorm2d(3, track_running_stats=False)
+    for layers in (
+        (reflecting, nn.BatchNorm2d(3)),
+        (nn.Conv2d(3, 3, 3, padding="same"), nn.BatchNorm2d(3)),
+        (nn.Conv2d(3, 3, 3), without_statistics),
+        (nn.Conv2d(3, 3, 3), nn.ReLU(), nn.BatchNorm2d(3)),
+    ):
+        folded = fold_batch_norm(nn.Sequential(*layers))
+        assert [type(layer) for layer in folded] == [type(layer) for layer in layers]
+
+
 def test_folding_leaves_the_model_as_it_was_and_shares_its_other_weights():
     model = shaken("tiny").train()
     before = {key: value.clone() for key, value in model.state_dict().items()}
@@ -73,9 +86,9 @@ def test_folding_leaves_the_model_as_it_was_and_shares_its_other_weights():
     assert model.state_dict().keys() == before.keys()
     assert all(torch.equal(value, before[key]) for key, value in model.state_dict().items())
     assert all(parameter.requires_grad for parameter in model.parameters())
-    theirs = {id(parameter) for parameter in folded.parameters()}
-    assert id(model.cascade.regularizers[0].score.weight) in theirs
-    assert id(model.cascade.regularizers[0].entry[0].weight) not in theirs
+    own, theirs = dict(model.named_parameters()), {id(p) for p in folded.parameters()}
+    assert id(own["cascade.regularizers.0.score.weight"]) in theirs
+    assert id(own["cascade.regularizers.0.entry.0.weight"]) not in theirs
 
 
 def test_one_dnn_is_not_called_for_gradients_low_precision_or_an_exported_graph():

@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "files": {"errors"},
     "loss_terms": {"types"},
     "geometry": {"types"},
-    "encoders": {"types", "errors", "geometry", "convolution"},
+    "encoders": {"types", "errors", "files", "geometry", "convolution"},
     "mvs": {"types", "geometry", "convolution"},
     "segmentation": {"types", "geometry"},
     "model": {"types", "geometry", *NETWORK},

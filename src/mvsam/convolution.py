@@ -15,6 +15,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 AnyModule = TypeVar("AnyModule", bound=nn.Module)
 Convolution = nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d | nn.ConvTranspose3d
+BatchNorm = nn.BatchNorm2d | nn.BatchNorm3d
 
 
 def fold_batch_norm(model: AnyModule) -> AnyModule:
@@ -36,7 +37,10 @@ def fold_batch_norm(model: AnyModule) -> AnyModule:
 def _fold_children(sequence: nn.Sequential) -> None:
     layers = list(sequence)
     for index, (layer, norm) in enumerate(pairwise(layers)):
-        if isinstance(layer, Convolution) and isinstance(norm, nn.BatchNorm2d | nn.BatchNorm3d):
+        if not isinstance(layer, Convolution) or not isinstance(norm, BatchNorm):
+            continue
+        is_plain = layer.padding_mode == "zeros" and not isinstance(layer.padding, str)
+        if is_plain and norm.track_running_stats:
             has_relu = index + 2 < len(layers) and isinstance(layers[index + 2], nn.ReLU)
             sequence[index] = FoldedConvolution(layer, norm, has_relu)
             sequence[index + 1] = nn.Identity()
@@ -47,9 +51,7 @@ def _fold_children(sequence: nn.Sequential) -> None:
 class FoldedConvolution(nn.Module):
     """A convolution with the batch norm, and where there was one the ReLU, that followed it."""
 
-    def __init__(
-        self, convolution: Convolution, norm: nn.BatchNorm2d | nn.BatchNorm3d, has_relu: bool
-    ):
+    def __init__(self, convolution: Convolution, norm: BatchNorm, has_relu: bool):
         super().__init__()
         with torch.no_grad():
             self.convolution = fuse_conv_bn_eval(
@@ -66,6 +68,20 @@ class FoldedConvolution(nn.Module):
         return x.relu_() if self.has_relu else x
 
 
+class Conv2d(nn.Conv2d):
+    """`nn.Conv2d` by oneDNN in predictions; PyTorch's code for 1x1 kernels copies its input."""
+
+    def forward(
+        self, x: Float[Tensor, "batch _channel _height _width"]
+    ) -> Float[Tensor, "batch _channels _rows _columns"]:
+        return convolve_by_onednn(self, x) if fits_onednn(x) else super().forward(x)
+
+
+def add(x: Tensor, other: Tensor) -> Tensor:
+    """x + other; into x, which must be the caller's own, where no gradient needs it."""
+    return x + other if torch.is_grad_enabled() else x.add_(other)
+
+
 def fits_onednn(x: Tensor) -> bool:
     """Whether `convolve_by_onednn` can take this input, here and now."""
     return (
@@ -75,7 +91,7 @@ def fits_onednn(x: Tensor) -> bool:
         and not torch.is_autocast_enabled("cpu")
         and torch.backends.mkldnn.is_available()
         and torch.backends.mkldnn.enabled
-        and not (torch.compiler.is_compiling() or torch.jit.is_tracing())
+        and not torch.compiler.is_compiling()
     )
 
 

@@ -130,7 +130,7 @@ def test_the_plane_limit_follows_the_processor(monkeypatch):
 
 @pytest.mark.parametrize("num_planes", [1, 2, 9])
 def test_scores_by_planes_are_those_of_the_3d_convolution(num_planes: int):
-    layer = ScoreConv3d(8, 1, 3, padding=1, bias=False)
+    layer = ScoreConv3d(8)
     volume = torch.randn(2, 8, num_planes, 6, 7)
     torch.testing.assert_close(layer(volume), nn.Conv3d.forward(layer, volume))
 
@@ -145,7 +145,7 @@ def test_training_on_one_volume_has_the_gradients_of_plain_pytorch(kind: str):
     plain = type(layer).__mro__[1].forward
     volume = torch.randn(1, 4, 4, 6, 8)
     actual = gradients(layer, volume, torch.float32)
-    layer.forward = partial(plain, layer)
+    layer.forward = partial(plain, layer)  # pyright: ignore[reportAttributeAccessIssue]
     expected = gradients(layer, volume, torch.float32)
     for ours, theirs in zip(actual, expected, strict=True):
         torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-4)

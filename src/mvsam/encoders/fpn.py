@@ -6,6 +6,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from mvsam.convolution import Conv2d, add
+
 
 def conv_bn_relu(
     in_channels: int, out_channels: int, kernel_size: int = 3, stride: int = 1
@@ -42,12 +44,12 @@ class FeaturePyramid(nn.Module):
             conv_bn_relu(wide, wide),
             conv_bn_relu(wide, wide),
         )
-        self.lateral_half = nn.Conv2d(middle, wide, 1)
-        self.lateral_full = nn.Conv2d(narrow, wide, 1)
+        self.lateral_half = Conv2d(middle, wide, 1)
+        self.lateral_full = Conv2d(narrow, wide, 1)
         self.out_quarter, self.out_half, self.out_full = heads or (
-            nn.Conv2d(wide, wide, 1, bias=False),
-            nn.Conv2d(wide, middle, 3, padding=1, bias=False),
-            nn.Conv2d(wide, narrow, 3, padding=1, bias=False),
+            Conv2d(wide, wide, 1, bias=False),
+            Conv2d(wide, middle, 3, padding=1, bias=False),
+            Conv2d(wide, narrow, 3, padding=1, bias=False),
         )
 
     def forward(
@@ -62,7 +64,7 @@ class FeaturePyramid(nn.Module):
         half = self.at_half(full)
         top = self.at_quarter(half)
         coarse = self.out_quarter(top)
-        top = F.interpolate(top, scale_factor=2, mode="nearest") + self.lateral_half(half)
+        top = add(F.interpolate(top, scale_factor=2, mode="nearest"), self.lateral_half(half))
         middle = self.out_half(top)
-        top = F.interpolate(top, scale_factor=2, mode="nearest") + self.lateral_full(full)
+        top = add(F.interpolate(top, scale_factor=2, mode="nearest"), self.lateral_full(full))
         return coarse, middle, self.out_full(top)

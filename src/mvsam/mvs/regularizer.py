@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from mvsam.convolution import convolve_by_onednn, fits_onednn
+from mvsam.convolution import add, convolve_by_onednn, fits_onednn
 
 
 class Conv3d(nn.Conv3d):
@@ -41,9 +41,10 @@ class ConvTranspose3d(nn.ConvTranspose3d):
 
 def _step_around(convolve: Callable[[Tensor], Tensor], volume: Tensor) -> Tensor:
     is_training = torch.is_grad_enabled() and not torch.compiler.is_compiling()
-    if volume.device.type != "cpu" or volume.dtype == torch.float64 or not is_training:
-        return convolve(volume)
-    if torch.is_autocast_enabled("cpu") and volume.shape[2] >= _fewest_bfloat16_planes():
+    is_cast = torch.is_autocast_enabled("cpu")
+    is_risky = is_cast and volume.shape[2] < _fewest_bfloat16_planes()
+    is_slow = not is_cast and volume.dtype == torch.float32 and len(volume) == 1
+    if volume.device.type != "cpu" or not is_training or not (is_risky or is_slow):
         return convolve(volume)
     with torch.autocast("cpu", enabled=False):
         wide = volume.float()
@@ -58,6 +59,9 @@ class ScoreConv3d(nn.Conv3d):
     Their sum over neighbouring planes is the same; oneDNN pads one output channel to eight or
     more, so this way it does a third of the work.
     """
+
+    def __init__(self, in_channels: int):
+        super().__init__(in_channels, 1, 3, padding=1, bias=False)
 
     def forward(
         self, volume: Float[Tensor, "batch channel plane height width"]
@@ -112,7 +116,7 @@ class CostRegularizer(nn.Module):
         self.up2 = deconv3d_bn_relu(8 * base, 4 * base)
         self.up1 = deconv3d_bn_relu(4 * base, 2 * base)
         self.up0 = deconv3d_bn_relu(2 * base, base)
-        self.score = ScoreConv3d(base, 1, 3, padding=1, bias=False)
+        self.score = ScoreConv3d(base)
 
     def forward(
         self, volume: Float[Tensor, "batch channel plane height width"]
@@ -121,12 +125,7 @@ class CostRegularizer(nn.Module):
         level0 = self.entry(volume)
         level1 = self.down1(level0)
         level2 = self.down2(level1)
-        x = _add(self.up2(self.down3(level2)), level2)
-        x = _add(self.up1(x), level1)
-        x = _add(self.up0(x), level0)
+        x = add(self.up2(self.down3(level2)), level2)
+        x = add(self.up1(x), level1)
+        x = add(self.up0(x), level0)
         return self.score(x)[:, 0]
-
-
-def _add(x: Tensor, skipped: Tensor) -> Tensor:
-    """x + skipped; in place where no gradient needs x."""
-    return x + skipped if torch.is_grad_enabled() else x.add_(skipped)
