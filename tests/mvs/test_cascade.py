@@ -125,6 +125,39 @@ def test_a_cascade_of_unequal_lists_is_refused():
         DepthCascade([CostRegularizer(8)], num_planes=(8, 8), interval_ratios=(1.0,))
 
 
+def test_checkpointed_stages_train_the_same():
+    views = random_views()
+    levels = pyramid(views)
+    kept, recomputed = cascade().train(), cascade(checkpoint_stages=True).train()
+    for model in (kept, recomputed):
+        torch.stack([stage.depth.mean() for stage in model(levels, views)]).sum().backward()
+    ours, theirs = dict(recomputed.named_parameters()), dict(kept.named_parameters())
+    for name, parameter in theirs.items():
+        torch.testing.assert_close(ours[name].grad, parameter.grad)
+    for name, statistic in kept.named_buffers():  # a batch seen twice counts once
+        assert torch.equal(recomputed.get_buffer(name), statistic), name
+
+
+def test_checkpointed_stages_keep_no_volume_for_the_backward_pass():
+    views = random_views()
+    levels = [level.requires_grad_() for level in pyramid(views)]
+
+    def kept_bytes(model: DepthCascade) -> int:
+        sizes: dict[int, int] = {}
+
+        def note(tensor: torch.Tensor) -> torch.Tensor:
+            storage = tensor.untyped_storage()
+            sizes[storage.data_ptr()] = storage.nbytes()
+            return tensor
+
+        with torch.autograd.graph.saved_tensors_hooks(note, lambda tensor: tensor):
+            model(levels, views)
+        return sum(sizes.values())
+
+    plain = kept_bytes(cascade().train())
+    assert kept_bytes(cascade(checkpoint_stages=True).train()) < plain / 5
+
+
 def matching_score(volume: torch.Tensor) -> torch.Tensor:
     """What a regularizer learns, without learning: agreement of the views around each pixel."""
     cost = F.avg_pool2d(volume.sum(1), 5, stride=1, padding=2, count_include_pad=False)

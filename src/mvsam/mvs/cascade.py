@@ -1,12 +1,15 @@
 """The cascade of Sec. 3.2: three plane sweeps, each narrower and finer than the one before."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import Literal
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn.modules.batchnorm import _BatchNorm
+from torch.utils.checkpoint import checkpoint
 
 from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cost_volume import variance_volume
@@ -23,6 +26,8 @@ class DepthCascade(nn.Module):
     48, 32, 8 at 4, 1, 0.5). num_bins: base intervals in the depth range.
     clamp: "shift" keeps refined windows at or beyond d_min; "none" lets them become negative, as
     CasMVSNet's code does (the paper is silent).
+    checkpoint_stages: while training, keep no volume for the backward pass, which sweeps and
+    regularizes each stage again: less memory, another forward pass of time, the same gradients.
     """
 
     def __init__(
@@ -32,6 +37,7 @@ class DepthCascade(nn.Module):
         interval_ratios: Sequence[float] = (4.0, 1.0, 0.5),
         num_bins: int = 192,
         clamp: Literal["shift", "none"] = "shift",
+        checkpoint_stages: bool = False,
     ):
         super().__init__()
         if not len(regularizers) == len(num_planes) == len(interval_ratios):
@@ -44,6 +50,7 @@ class DepthCascade(nn.Module):
         self.interval_ratios = tuple(interval_ratios)
         self.num_bins = num_bins
         self.clamp = clamp
+        self.checkpoint_stages = checkpoint_stages
 
     def forward(
         self, pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]], views: Views
@@ -57,9 +64,33 @@ class DepthCascade(nn.Module):
                 features.shape[-1] / views.width,
                 features.shape[-2] / views.height,
             )
-            volume = variance_volume(features, intrinsics, views.world_from_cam, hypotheses)
-            stages.append(regress(self.regularizers[index](volume), hypotheses))
+            sweep = (features, intrinsics, views.world_from_cam, hypotheses)
+            stages.append(regress(self.scores(index, *sweep), hypotheses))
         return stages
+
+    def scores(
+        self,
+        index: int,
+        features: Float[Tensor, "batch view channel height width"],
+        intrinsics: Float[Tensor, "batch view 3 3"],
+        world_from_cam: Float[Tensor, "batch view 4 4"],
+        hypotheses: Float[Tensor, "batch plane height width"],
+    ) -> Float[Tensor, "batch plane height width"]:
+        """Of each hypothesis, before the softmax over planes."""
+        regularizer = self.regularizers[index]
+
+        def sweep(features: Tensor) -> Tensor:
+            return regularizer(variance_volume(features, intrinsics, world_from_cam, hypotheses))
+
+        if not (self.checkpoint_stages and torch.is_grad_enabled()):
+            return sweep(features)
+        return checkpoint(
+            sweep,
+            features,
+            use_reentrant=False,
+            preserve_rng_state=False,
+            context_fn=lambda: (nullcontext(), _statistics_left_alone(regularizer)),
+        )
 
     def hypotheses(
         self, index: int, stages: Sequence[DepthStage], size: Sequence[int], views: Views
@@ -75,6 +106,20 @@ class DepthCascade(nn.Module):
         half_width = interval * (num_planes * self.interval_ratios[index] / 2)
         nearest = views.depth_range[:, 0] if self.clamp == "shift" else None
         return window_hypotheses(centre, half_width, num_planes, nearest)
+
+
+@contextmanager
+def _statistics_left_alone(module: nn.Module) -> Iterator[None]:
+    """Batch norms see the same batch again: their running statistics have counted it already."""
+    norms = [m for m in module.modules() if isinstance(m, _BatchNorm)]
+    before = [(norm.momentum, norm.num_batches_tracked) for norm in norms]
+    for norm in norms:
+        norm.momentum, norm.num_batches_tracked = 0.0, None
+    try:
+        yield
+    finally:
+        for norm, (momentum, count) in zip(norms, before, strict=True):
+            norm.momentum, norm.num_batches_tracked = momentum, count
 
 
 def regress(
@@ -96,11 +141,10 @@ def four_plane_mass(
     num_planes = probability.shape[1]
     index = torch.arange(num_planes, device=probability.device, dtype=probability.dtype)
     expected = (probability * index[:, None, None]).sum(dim=1)  # no matmul: autocast would round it
-    nearest = expected.long().clamp(0, num_planes - 1)
-    cumulative = F.pad(probability.cumsum(dim=1), (0, 0, 0, 0, 1, 0))
-    upper = (nearest + 3).clamp(max=num_planes)[:, None]
-    lower = (nearest - 1).clamp(min=0)[:, None]
-    return (cumulative.gather(1, upper) - cumulative.gather(1, lower))[:, 0].clamp(0, 1)
+    planes = expected.long()[:, None] + torch.arange(-1, 3, device=index.device)[:, None, None]
+    is_plane = (planes >= 0) & (planes < num_planes)
+    around = probability.gather(1, planes.clamp(0, num_planes - 1))
+    return (around * is_plane).sum(dim=1).clamp(max=1)
 
 
 def combined_confidence(
