@@ -39,7 +39,7 @@ def main() -> None:
     given = {"images": [images], "intrinsics": [intrinsics], "world_from_cam": [poses]}
     given["depth_range"] = [about["depth_range"]]
     inputs = {name: np.asarray(values, np.float32) for name, values in given.items()}
-    depth, labels = session.run(["depth", "labels"], inputs)
+    depth, labels = map(np.asarray, session.run(["depth", "labels"], inputs))
 
     arguments.out.mkdir(parents=True, exist_ok=True)
     np.save(arguments.out / "depth.npy", depth[0])  # float32 metres

@@ -73,8 +73,8 @@ class _Graph(nn.Module):
         super().__init__()
         self.model = fold_batch_norm(model)
         for module in self.model.modules():
-            if hasattr(module, "fused_attn"):  # timm's fused attention lacks an axis for ONNX
-                module.fused_attn = False
+            if hasattr(module, "fused_attn"):  # its loop over pieces would fix the number of views
+                module.fused_attn = False  # pyright: ignore
 
     def forward(self, inputs: dict[str, Tensor]) -> dict[str, Tensor]:
         prediction = self.model(Views(**inputs))
