@@ -1,6 +1,6 @@
 """Figure 3 in one forward pass: encoders, fusion, cascade, prompt, decoder."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -76,7 +76,7 @@ class MultiViewSAM(Model):
 
     def forward(self, views: Views) -> Prediction:
         """Depth, confidence and logits of view 0."""
-        seen = views if self.cascade else _select(views, [0])
+        seen = views if self.cascade else views.select([0])
         return self.decode(self.encode(seen), views)
 
     def encode(self, views: Views) -> Features:
@@ -113,7 +113,8 @@ class MultiViewSAM(Model):
         which belongs to view 0.
         """
         if reference:
-            features, views = _with_reference(features, views, reference)
+            order = [reference, *(i for i in range(views.num_views) if i != reference)]
+            features, views = features.select(order), views.with_reference(reference)
         stages = self.cascade(features.pyramid, views) if self.cascade else []
         depth = stages[-1].depth if stages else None
         size = (views.height, views.width)
@@ -145,21 +146,3 @@ class MultiViewSAM(Model):
             depth = depth.detach()
         prompt = self.prompt(depth, views.depth_range)
         return self.decoder(features.semantic[:, 0], prompt).float()
-
-
-def _with_reference(features: Features, views: Views, reference: int) -> tuple[Features, Views]:
-    if views.measured_depth is not None:
-        raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
-    order = [reference, *(i for i in range(views.num_views) if i != reference)]
-    return features.select(order), _select(views, order)
-
-
-def _select(views: Views, order: list[int]) -> Views:
-    semantic = views.semantic_images
-    return replace(
-        views,
-        images=views.images[:, order],
-        intrinsics=views.intrinsics[:, order],
-        world_from_cam=views.world_from_cam[:, order],
-        semantic_images=None if semantic is None else semantic[:, order],
-    )

@@ -111,7 +111,10 @@ class Views(_TensorStruct):
         """The same views, this one first; ValueError if the measured depth is another's."""
         if reference and self.measured_depth is not None:
             raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
-        order = [reference, *(i for i in range(self.num_views) if i != reference)]
+        return self.select([reference, *(i for i in range(self.num_views) if i != reference)])
+
+    def select(self, order: list[int]) -> "Views":
+        """These views, in this order; the measured depth stays that of view 0."""
         semantic = self.semantic_images
         return replace(
             self,
