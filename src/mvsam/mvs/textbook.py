@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.cost_volume import textbook_variance_volume
-from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.types import DepthStage, Views
 
 
@@ -60,7 +59,7 @@ class TextbookRegularizer(nn.Module):
     up0: nn.Module
     score: nn.Module
 
-    def __init__(self, regularizer: CostRegularizer):
+    def __init__(self, regularizer: nn.Module):
         super().__init__()
         shared = {id(x): x for x in (*regularizer.parameters(), *regularizer.buffers())}
         for name, child in copy.deepcopy(regularizer, shared).named_children():

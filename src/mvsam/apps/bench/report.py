@@ -70,7 +70,7 @@ def tables(measured: Sequence[Measurement]) -> list[Table]:
 
     "of one": seconds beside those of one reference.
     """
-    works = dict.fromkeys(m.case.work for m in measured)
+    works: dict[Work, None] = dict.fromkeys(m.case.work for m in measured)
     return [_table(work, [m for m in measured if m.case.work == work]) for work in works]
 
 
