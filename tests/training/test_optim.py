@@ -108,12 +108,12 @@ def test_polynomial_decay_ends_at_zero():
 
 def test_one_cycle_is_torch_s():
     optimizer = torch.optim.SGD(torch.nn.Linear(1, 1).parameters(), lr=1.0)
-    # torch counts its last step as the end of the cycle, and its top one step earlier.
-    reference = torch.optim.lr_scheduler.OneCycleLR(optimizer, 1.0, total_steps=101, pct_start=0.11)
-    reference.total_steps = 101
+    # torch counts 101 rates from the first to the last, and puts the top one before its share.
+    reference = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, 1.0, total_steps=101, pct_start=11 / 101, cycle_momentum=False
+    )
     for step in range(101):
-        expected = optimizer.param_groups[0]["lr"]
-        assert OneCycle()(step, 100) == pytest.approx(expected, abs=0.01)
+        assert OneCycle()(step, 100) == pytest.approx(optimizer.param_groups[0]["lr"], abs=1e-6)
         optimizer.step()
         if step < 100:
             reference.step()

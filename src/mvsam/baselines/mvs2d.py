@@ -32,8 +32,9 @@ CHANNELS = (64, 128, 256, 512)
 class EpipolarAttention(nn.Module):
     """A reference pixel's view of the source pixels that its depth hypotheses project to.
 
-    The keys are source features warped to each hypothesis. The values are not: they say which
-    hypothesis it is, and whether it projects into the source view.
+    The query is the reference's own feature in the source branch, the keys are the sources' warped
+    to each hypothesis. The values are no features: they say which hypothesis it is, and whether it
+    projects into the source view.
     """
 
     def __init__(self, channels: int, num_depths: int = 32):
