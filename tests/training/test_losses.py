@@ -117,3 +117,10 @@ def test_a_model_of_one_task_has_that_loss_alone():
     assert set(depth) == {"loss", "depth"} and set(labels) == {"loss", "segmentation"}
     with pytest.raises(ValueError, match="neither depth stages nor logits"):
         ONE_STAGE(Prediction(), target, RANGE)
+
+
+def test_a_depth_without_stages_is_refused_not_left_untrained():
+    target = Targets(torch.full((1, 4, 4), 2.0), torch.zeros(1, 4, 4, dtype=torch.long))
+    prediction = Prediction(depth=target.depth, logits=torch.zeros(1, 3, 4, 4))
+    with pytest.raises(ValueError, match="train it by its own method's loss"):
+        JointLoss()(prediction, target, RANGE)
