@@ -65,6 +65,19 @@ def test_folding_also_serves_where_one_dnn_is_not_called():
     torch.testing.assert_close(fold_batch_norm(model)(volume), model(volume), atol=1e-5, rtol=1e-5)
 
 
+def test_a_folded_model_in_bfloat16_is_near_float32():
+    model = CostRegularizer(8).eval()
+    shuffle_statistics(model)
+    volume = torch.rand(1, 8, 8, 8, 8)
+    with torch.no_grad():
+        expected = model(volume)
+        with torch.autocast("cpu", torch.bfloat16):
+            actual = fold_batch_norm(model)(volume)
+    assert actual.dtype == torch.bfloat16
+    # Ten layers, each rounded to 8 bits.
+    assert (actual.float() - expected).norm() < 0.05 * expected.norm()
+
+
 def test_what_cannot_be_folded_is_left():
     reflecting = nn.Conv2d(3, 3, 3, padding=1, padding_mode="reflect")
     without_statistics = nn.BatchNorm2d(3, track_running_stats=False)
