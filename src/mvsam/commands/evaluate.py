@@ -62,6 +62,7 @@ class Evaluate:
         from mvsam.convolution import fold_batch_norm
         from mvsam.data.sampling import evenly_spaced
         from mvsam.evaluation.evaluate import evaluate
+        from mvsam.inference.reading import one_ahead
         from mvsam.precision import autocast
 
         protocol = _protocol(self.protocol)
@@ -73,7 +74,7 @@ class Evaluate:
             task = progress.add_task(f"evaluate {self.model}", total=len(chosen))
             scores = evaluate(
                 fold_batch_norm(model),
-                (samples[index] for (index,) in chosen),
+                one_ahead(samples[index] for (index,) in chosen),
                 protocol,
                 lambda done: progress.update(task, completed=done),
             )

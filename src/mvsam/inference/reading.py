@@ -1,9 +1,23 @@
 """Photos are read and resized on a thread of their own while the network is at work."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
 
 from mvsam.types import Frame, Views
+
+Item = TypeVar("Item")
+
+
+def one_ahead(items: Iterable[Item]) -> Iterator[Item]:
+    """The same items; each is made on a thread of its own while the one before it is in use."""
+    end = object()
+    source = iter(items)
+    with ThreadPoolExecutor(1, "mvsam-reader") as thread:
+        coming = thread.submit(next, source, end)
+        while (item := coming.result()) is not end:
+            coming = thread.submit(next, source, end)
+            yield item  # pyright: ignore[reportReturnType]
 
 
 class PhotoReader:
