@@ -1,11 +1,15 @@
 from pathlib import Path
 
+import pytest
 import torch
 from segmentation_models_pytorch import Unet
 
 from mvsam.baselines.unet import UNet
 from mvsam.build import build
 from mvsam.encoders.sam import IMAGE_MEAN, IMAGE_STD
+from mvsam.errors import InputError
+from mvsam.experiments.config import ModelConfig
+from mvsam.experiments.driver import initial_model
 from mvsam.weights import load_into, save
 from tests.small import random_views
 
@@ -33,3 +37,8 @@ def test_a_trained_u_net_finds_its_place_in_the_plane_sweep_of_its_features(tmp_
     for name, value in trained.state_dict().items():
         if not name.startswith("head."):
             assert torch.equal(own[f"geometry_encoder.{name}"], value), name
+
+
+def test_a_run_s_imagenet_file_reaches_the_backbone():
+    with pytest.raises(InputError, match=r"'missing\.pth' is not to be had"):
+        initial_model(ModelConfig("unet_r34", imagenet="missing.pth"))
