@@ -58,7 +58,7 @@ class FeatureCache:
         is_mixed = torch.is_autocast_enabled(device)
         arithmetic = torch.get_autocast_dtype(device) if is_mixed else torch.float32
         digest = hashlib.sha256(f"{self._identity()} {tuple(image.shape)} {arithmetic} ".encode())
-        digest.update(image.detach().float().cpu().contiguous().numpy())
+        digest.update(image.detach().float().cpu().contiguous().numpy().data)
         name = digest.hexdigest()
         return self.folder / name[:2] / f"{name}.npz"
 
@@ -87,5 +87,6 @@ def hash_of_weights(parts: list[nn.Module | Tensor]) -> str:
         tensors = [part] if isinstance(part, Tensor) else part.state_dict().values()
         for tensor in tensors:
             # As bytes, because NumPy has no bfloat16.
-            digest.update(tensor.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
+            values = tensor.detach().cpu().contiguous().flatten().view(torch.uint8)
+            digest.update(values.numpy().data)
     return digest.hexdigest()[:16]
