@@ -51,6 +51,14 @@ class RelativeAttention(nn.Module):
         return self.proj(rearrange(attended, pattern, head=self.num_heads, r=rows))
 
 
+def use_plain_attention(model: nn.Module) -> None:
+    """Attention written out: on a CPU twice as fast forward and backward as the fused one, which
+    has no fast backward with SAM's relative positions (docs/log.md)."""
+    for module in model.modules():
+        if isinstance(module, RelativeAttention):
+            module.fused_attn = False
+
+
 def whole_bias(
     to_rows: Float[Tensor, "items some_rows columns rows"],
     to_columns: Float[Tensor, "items some_rows columns columns"],

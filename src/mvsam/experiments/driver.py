@@ -17,6 +17,7 @@ from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 from mvsam.build import build
 from mvsam.data.labels import SCANNET20
+from mvsam.encoders.attention import use_plain_attention
 from mvsam.encoders.sam import cache_frozen_features
 from mvsam.errors import InputError
 from mvsam.experiments.checks import check_settings, classes_of, warn_of_changes
@@ -25,7 +26,6 @@ from mvsam.experiments.loaders import ExperimentData
 from mvsam.experiments.pictures import ValidationPictures
 from mvsam.experiments.stopping import SafeStop
 from mvsam.experiments.throughput import Throughput
-from mvsam.model import MultiViewSAM
 from mvsam.precision import has_native_bfloat16
 from mvsam.provenance import commit
 from mvsam.training.module import TrainingModule
@@ -156,14 +156,6 @@ def initial_model(config: ModelConfig, device: str = "cpu") -> Model:
     if device == "cpu":
         use_plain_attention(model)
     return layout_channels_last(model)
-
-
-def use_plain_attention(model: Model) -> None:
-    """Attention written out: on a CPU twice as fast forward and backward as the fused one, which
-    has no fast backward with SAM's relative positions (docs/log.md)."""
-    if isinstance(model, MultiViewSAM) and model.semantic_encoder is not None:
-        for block in model.semantic_encoder.backbone.blocks:
-            block.attn.fused_attn = False  # pyright: ignore
 
 
 def precision_of(name: str, device: str) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from mvsam.apps.bench.cases import Case, FormName
 from mvsam.build import build
 from mvsam.convolution import fold_batch_norm
+from mvsam.encoders.attention import use_plain_attention
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.textbook import TextbookCascade
 from mvsam.types import Model, Prediction, Views
@@ -26,7 +27,7 @@ def our_model(case: Case) -> Model:
     if case.work == "predict":
         return fold_batch_norm(model)
     if case.device == "cpu":
-        write_attention_out(model)
+        use_plain_attention(model)
     return model.train()
 
 
@@ -37,7 +38,7 @@ def textbook_model(case: Case) -> Model:
     assert isinstance(model, MultiViewSAM)
     if model.cascade is not None:
         model.cascade = TextbookCascade(model.cascade)  # pyright: ignore[reportAttributeAccessIssue]
-    write_attention_out(model)
+    use_plain_attention(model)
     return model.train(case.work == "train")
 
 
@@ -48,13 +49,6 @@ def build_case(case: Case) -> Model:
         assert isinstance(model, MultiViewSAM) and model.cascade is not None
         model.cascade.num_planes = case.num_planes
     return model
-
-
-def write_attention_out(model: Model) -> None:
-    """No fused attention in the SAM encoder, if there is one."""
-    encoder = getattr(model, "semantic_encoder", None)
-    for block in encoder.backbone.blocks if encoder is not None else ():
-        block.attn.fused_attn = False
 
 
 def share_features(model: Model, views: Views, num_references: int) -> list[Prediction]:
