@@ -47,8 +47,10 @@ def test_sam_looks_at_the_photos_and_the_cascade_does_not():
         assert given.logits.shape == without.logits.shape
         assert not torch.allclose(given.logits, without.logits, atol=1e-3)
         # What counts is each view's own photo, in whatever place the view stands.
-        second = model.encode(others).semantic[:, 1]
-        first = model.encode(others.with_reference(1)).semantic[:, 0]
+        second = model.encode(others).semantic
+        first = model.encode(others.with_reference(1)).semantic
+    assert first is not None and second is not None
+    first, second = first[:, 0], second[:, 1]
     torch.testing.assert_close(first, second, atol=1e-5, rtol=1e-5)
 
 

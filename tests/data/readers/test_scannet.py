@@ -91,7 +91,8 @@ def test_every_cut_and_many_wrong_bytes_are_refused_or_read(tmp_path):
         try:
             scan = SensFile(file)
             for index in range(len(scan.frames)):
-                scan.color(index), scan.depth(index)
+                scan.color(index)
+                scan.depth(index)
         except InputError:
             refused += 1
     assert refused > 40
