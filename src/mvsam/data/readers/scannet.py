@@ -81,7 +81,11 @@ def open_scannet_folder(path: Path) -> ListedScene:
             intrinsics=color.copy(),
             world_from_cam=pose,
             load_image=partial(load_photo, photo),
-            load_depth=partial(_load_depth, depth_file, depth, color, size) if depth_file else None,
+            load_depth=(
+                partial(_load_depth, depth_file, depth, color, size)
+                if depth_file and depth is not None
+                else None
+            ),
             load_labels=partial(_load_labels, label_file, size) if label_file else None,
         )
         frames.append(checked(frame, photo))
