@@ -22,6 +22,7 @@ PARAMETERS = {
     "segnet": 29_454_548,
     "deeplab_v2": 43_974_800,
     "deeplab_v3": 58_630_740,
+    "adapnet_pp": 30_163_830,
     "unet_r50": 32_523_860,
     "sam_conv": 89_745_524,
     "sam_semantic": 93_181_312,

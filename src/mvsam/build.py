@@ -11,6 +11,7 @@ from timm.models.vision_transformer_sam import VisionTransformerSAM
 from torch import nn
 from torchvision.models import ResNet34_Weights
 
+from mvsam.baselines.adapnet_pp import AdapNetPP
 from mvsam.baselines.deeplab import DeepLabV2, DeepLabV3
 from mvsam.baselines.imagenet import load_imagenet
 from mvsam.baselines.mt_refinenet import MtRefineNet
@@ -271,6 +272,7 @@ _BASELINES = (
     ModelSpec("segnet", SegNet, "Table 3: SegNet", "one RGB view", _SEMANTICS),
     ModelSpec("deeplab_v2", DeepLabV2, "Table 3: DeepLab v2", "one RGB view", _SEMANTICS),
     ModelSpec("deeplab_v3", DeepLabV3, "Table 3: DeepLab v3", "one RGB view", _SEMANTICS),
+    ModelSpec("adapnet_pp", AdapNetPP, "Table 3: AdapNet++", "one RGB view", _SEMANTICS),
     ModelSpec(
         "unet_r34",
         partial(UNet, "resnet34"),
@@ -310,7 +312,7 @@ def build(name: str, num_classes: int = 20, **options) -> Model:
 
 
 def count_parameters(name: str) -> int:
-    """Every `nn.Parameter`, frozen or not, at K = 20; nothing is allocated."""
+    """Every `nn.Parameter`, frozen or not, at K = 20, but `auxiliary_heads`; none is allocated."""
     with torch.device("meta"):
         model = build(name)
-    return sum(parameter.numel() for parameter in model.parameters())
+    return sum(p.numel() for name, p in model.named_parameters() if "auxiliary_heads." not in name)
