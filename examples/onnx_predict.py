@@ -30,7 +30,8 @@ def main() -> None:
 
     images, intrinsics, poses = [], [], []
     for path in sorted((arguments.folder / "color").iterdir())[:3]:
-        photo = Image.open(path).convert("RGB")
+        with Image.open(path) as file:
+            photo = file.convert("RGB")
         resized = photo.resize((width, height), Image.Resampling.BILINEAR)
         images.append(np.asarray(resized).transpose(2, 0, 1) / 255)
         intrinsics.append(calibration * [[width / photo.width], [height / photo.height], [1]])

@@ -235,7 +235,9 @@ def test_a_model_of_one_view_looks_at_view_0_alone(evaluated, name: str, monkeyp
     seen = []
     encode = model.semantic_encoder.forward
     monkeypatch.setattr(
-        model.semantic_encoder, "forward", lambda x: (seen.append(len(x)), encode(x))[1]
+        model.semantic_encoder,
+        "forward",
+        lambda x, *rest: (seen.append(len(x)), encode(x, *rest))[1],
     )
     assert_same(predict(model, views), expected)
     assert seen == [1]

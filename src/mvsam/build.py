@@ -13,6 +13,9 @@ from torchvision.models import ResNet34_Weights
 
 from mvsam.baselines.adapnet_pp import AdapNetPP
 from mvsam.baselines.deeplab import DeepLabV2, DeepLabV3
+from mvsam.baselines.emsaformer import EmsaFormer
+from mvsam.baselines.emsaformer_decoders import EmsaNetDecoder, MlpDecoder
+from mvsam.baselines.fusenet import FuseNet
 from mvsam.baselines.imagenet import load_imagenet
 from mvsam.baselines.mt_refinenet import MtRefineNet
 from mvsam.baselines.mtan import Mtan
@@ -20,6 +23,7 @@ from mvsam.baselines.mti_net import MtiNet
 from mvsam.baselines.mvs2d import MVS2D
 from mvsam.baselines.pad_net import PadNet
 from mvsam.baselines.segnet import SegNet
+from mvsam.baselines.ssma import Ssma
 from mvsam.baselines.trans_mvsnet import TransMVSNet
 from mvsam.baselines.unet import UNet
 from mvsam.encoders.fpn import FeaturePyramid
@@ -117,6 +121,16 @@ def trans_mvsnet(num_classes: int = 20) -> TransMVSNet:
     """Table 1, TransMVSNet with the paper's hypotheses."""
     del num_classes
     return TransMVSNet()
+
+
+def emsaformer(num_classes: int = 20) -> EmsaFormer:
+    """Table 3, EMSAFormer with the decoder of EMSANet."""
+    return EmsaFormer(num_classes, EmsaNetDecoder(num_classes))
+
+
+def emsaformer_mlp(num_classes: int = 20) -> EmsaFormer:
+    """EMSAFormer with the light decoder of SegFormer."""
+    return EmsaFormer(num_classes, MlpDecoder(num_classes))
 
 
 def sam_semantic(num_classes: int = 20, tuned_blocks: int = 0) -> MultiViewSAM:
@@ -226,6 +240,7 @@ class ModelSpec:
 
 
 _BOTH, _DEPTH, _SEMANTICS = ("depth", "semantics"), ("depth",), ("semantics",)
+_RGBD = "one RGB view and measured depth"
 _ASSEMBLIES = (
     ModelSpec("base", base, "Tables 1-5: Ours, full", "posed RGB views", _BOTH),
     ModelSpec("base_no_bridge", base_no_bridge, "Table 5: no SAM->MVS", "posed RGB views", _BOTH),
@@ -273,6 +288,12 @@ _BASELINES = (
     ModelSpec("deeplab_v2", DeepLabV2, "Table 3: DeepLab v2", "one RGB view", _SEMANTICS),
     ModelSpec("deeplab_v3", DeepLabV3, "Table 3: DeepLab v3", "one RGB view", _SEMANTICS),
     ModelSpec("adapnet_pp", AdapNetPP, "Table 3: AdapNet++", "one RGB view", _SEMANTICS),
+    ModelSpec("fusenet", FuseNet, "Table 3: FuseNet", _RGBD, _SEMANTICS),
+    ModelSpec("emsaformer", emsaformer, "Table 3: EMSAFormer", _RGBD, _SEMANTICS),
+    ModelSpec(
+        "emsaformer_mlp", emsaformer_mlp, "none: EMSAFormer, light decoder", _RGBD, _SEMANTICS
+    ),
+    ModelSpec("ssma", Ssma, "Table 3: SSMA", _RGBD, _SEMANTICS),
     ModelSpec(
         "unet_r34",
         partial(UNet, "resnet34"),

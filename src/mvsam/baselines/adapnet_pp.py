@@ -57,10 +57,13 @@ class Encoder(nn.Module):
         super().__init__()
         two, three, four = rates
         self.stem = nn.Sequential(
-            _norm(3), *_block(3, 64, 7, stride=2), nn.ZeroPad2d((0, 1, 0, 1)), nn.MaxPool2d(3, 2)
+            batch_norm(3),
+            *conv_block(3, 64, 7, stride=2),
+            nn.ZeroPad2d((0, 1, 0, 1)),
+            nn.MaxPool2d(3, 2),
         )
         self.blocks = nn.ModuleList(
-            nn.Sequential(*units, _norm(channels), nn.ReLU())
+            nn.Sequential(*units, batch_norm(channels), nn.ReLU())
             for channels, units in (
                 (256, [_first_unit(), _unit(256), _unit(256)]),
                 (512, [_projection(512, stride=2), _unit(512), _unit(512), _unit(512, two)]),
@@ -76,7 +79,7 @@ class Encoder(nn.Module):
             )
         )
         self.skips = nn.ModuleList(
-            nn.Sequential(*_convolution(channels, SKIP_WIDTH), _norm(SKIP_WIDTH))
+            nn.Sequential(*_convolution(channels, SKIP_WIDTH), batch_norm(SKIP_WIDTH))
             for channels in (256, 512)
         )
         self.pyramid = EfficientPyramid(2048)
@@ -98,16 +101,16 @@ class EfficientPyramid(nn.Module):
         narrow = WIDTH // 4
         self.branches = nn.ModuleList(
             nn.Sequential(
-                *_block(in_channels, narrow),
-                *_block(narrow, narrow, 3, rate=rate),
-                *_block(narrow, narrow, 3, rate=rate),
-                *_block(narrow, WIDTH),
+                *conv_block(in_channels, narrow),
+                *conv_block(narrow, narrow, 3, rate=rate),
+                *conv_block(narrow, narrow, 3, rate=rate),
+                *conv_block(narrow, WIDTH),
             )
             for rate in (3, 6, 12)
         )
-        self.direct = nn.Sequential(*_block(in_channels, WIDTH))
-        self.mean = nn.Sequential(nn.AdaptiveAvgPool2d(1), *_block(in_channels, WIDTH))
-        self.mix = nn.Sequential(*_convolution(5 * WIDTH, WIDTH), _norm(WIDTH))
+        self.direct = nn.Sequential(*conv_block(in_channels, WIDTH))
+        self.mean = nn.Sequential(nn.AdaptiveAvgPool2d(1), *conv_block(in_channels, WIDTH))
+        self.mix = nn.Sequential(*_convolution(5 * WIDTH, WIDTH), batch_norm(WIDTH))
 
     def forward(
         self, x: Float[Tensor, "batch channel height width"]
@@ -138,12 +141,12 @@ class Decoder(nn.Module):
         self.joins = nn.ModuleList(joins)
         self.enlarge = nn.ModuleList(nn.Sequential(*_enlargement(WIDTH, 2)) for _ in joins)
         self.refine = nn.ModuleList(
-            nn.Sequential(*_block(WIDTH + SKIP_WIDTH, WIDTH, 3), *_block(WIDTH, WIDTH, 3))
+            nn.Sequential(*conv_block(WIDTH + SKIP_WIDTH, WIDTH, 3), *conv_block(WIDTH, WIDTH, 3))
             for _ in joins
         )
-        self.head = nn.Sequential(*_block(WIDTH, num_classes), *_enlargement(num_classes, 4))
+        self.head = nn.Sequential(*conv_block(WIDTH, num_classes), *_enlargement(num_classes, 4))
         self.auxiliary_heads = nn.ModuleList(
-            nn.Sequential(*_convolution(WIDTH, num_classes), _norm(num_classes)) for _ in joins
+            nn.Sequential(*_convolution(WIDTH, num_classes), batch_norm(num_classes)) for _ in joins
         )
 
     def forward(self, encoded: Encoded) -> Prediction:
@@ -215,7 +218,7 @@ class MultiRate(nn.Module):
         super().__init__()
         share = channels // len(rates)
         self.convolutions = nn.ModuleList(
-            nn.Sequential(*_block(channels, share, 3, stride, rate)) for rate in rates
+            nn.Sequential(*conv_block(channels, share, 3, stride, rate)) for rate in rates
         )
 
     def forward(
@@ -227,7 +230,7 @@ class MultiRate(nn.Module):
 def _first_unit() -> nn.Sequential:
     """Its shortcut begins after its first convolution."""
     shortcut = nn.Sequential(*_convolution(64, 256))
-    return nn.Sequential(*_block(64, 64), Sum(shortcut, *_spatial(256)))
+    return nn.Sequential(*conv_block(64, 64), Sum(shortcut, *_spatial(256)))
 
 
 def _projection(channels: int, rates: Rates = (1,), stride: int = 1) -> Sum:
@@ -236,13 +239,13 @@ def _projection(channels: int, rates: Rates = (1,), stride: int = 1) -> Sum:
     The sources do not say which convolution strides; here it is the 3x3.
     """
     shortcut = nn.Sequential(*_convolution(channels // 2, channels, stride=stride))
-    narrow = _block(channels // 2, channels // 4)
+    narrow = conv_block(channels // 2, channels // 4)
     return Sum(shortcut, *narrow, *_spatial(channels, rates, stride))
 
 
 def _unit(channels: int, rates: Rates = (1,), dropout: float = 0.0) -> Sum:
-    activation = (_norm(channels), nn.ReLU())
-    narrow = _block(channels, channels // 4)
+    activation = (batch_norm(channels), nn.ReLU())
+    narrow = conv_block(channels, channels // 4)
     return Sum(nn.Identity(), *activation, *narrow, *_spatial(channels, rates), nn.Dropout(dropout))
 
 
@@ -251,11 +254,11 @@ def _spatial(channels: int, rates: Rates = (1,), stride: int = 1) -> list[nn.Mod
     return [MultiRate(narrow, rates, stride), *_convolution(narrow, channels)]
 
 
-def _block(
+def conv_block(
     in_channels: int, out_channels: int, kernel: int = 1, stride: int = 1, rate: int = 1
 ) -> list[nn.Module]:
     layers = _convolution(in_channels, out_channels, kernel, stride, rate)
-    return [*layers, _norm(out_channels), nn.ReLU()]
+    return [*layers, batch_norm(out_channels), nn.ReLU()]
 
 
 def _convolution(
@@ -272,8 +275,8 @@ def _convolution(
 def _enlargement(channels: int, factor: int) -> list[nn.Module]:
     kernel, crop = 2 * factor, factor // 2
     layer = nn.ConvTranspose2d(channels, channels, kernel, factor, crop, bias=False)
-    return [layer, _norm(channels)]
+    return [layer, batch_norm(channels)]
 
 
-def _norm(channels: int) -> nn.BatchNorm2d:
+def batch_norm(channels: int) -> nn.BatchNorm2d:
     return nn.BatchNorm2d(channels, momentum=0.01)

@@ -36,14 +36,7 @@ class SegNet(Model):
         for module in self.encoder:
             if isinstance(module, nn.MaxPool2d):
                 module.return_indices = True
-        self.decoder = nn.ModuleList(
-            nn.Sequential(*(Conv2dNormActivation(*pair, bias=True) for pair in pairwise(channels)))
-            for channels in DECODER
-        )
-        self.head = nn.Conv2d(64, num_classes, 3, padding=1)
-        for module in (*self.decoder.modules(), self.head):
-            if isinstance(module, nn.Conv2d):
-                nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+        self.decoder, self.head = unpooling_decoder(num_classes)
 
     def forward(self, views: Views) -> Prediction:
         """Logits at the picture's size; sides of at least 32."""
@@ -58,3 +51,16 @@ class SegNet(Model):
         for layers, (indices, size) in zip(self.decoder, reversed(pooled), strict=True):
             x = layers(F.max_unpool2d(x, indices, [2, 2], output_size=size))
         return Prediction(logits=self.head(x).float())
+
+
+def unpooling_decoder(num_classes: int) -> tuple[nn.ModuleList, nn.Conv2d]:
+    """What comes after each unpooling, 14,719,872 parameters, and the layer that gives logits."""
+    groups = nn.ModuleList(
+        nn.Sequential(*(Conv2dNormActivation(*pair, bias=True) for pair in pairwise(channels)))
+        for channels in DECODER
+    )
+    head = nn.Conv2d(64, num_classes, 3, padding=1)
+    for module in (*groups.modules(), head):
+        if isinstance(module, nn.Conv2d):
+            nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+    return groups, head
