@@ -41,7 +41,8 @@ class DataConfig:
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres."""
     room_frames: int = 5
-    """Frames rendered of each procedural room to train on, at `size`; at least `num_views`."""
+    """Frames rendered of each procedural room to train on, at `semantic_size` or else `size`; at
+    least `num_views`."""
     cache: str | None = None
     """Folder for rendered rooms (about 0.5 MB a frame); none: render anew every time."""
     mirror: bool = False
@@ -64,7 +65,7 @@ class SampleStream(Dataset[TrainingSample]):
         self.scenes: Sequence[Scene] = open_data(
             config.train,
             room_frames=config.room_frames,
-            room_size=config.size,
+            room_size=config.semantic_size or config.size,
             cache=config.cache,
         )
         self._tuples: dict[int, list[tuple[int, ...]]] = {}

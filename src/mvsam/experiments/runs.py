@@ -10,14 +10,25 @@ from mvsam.training.module import TrainConfig
 from mvsam.training.optim import OptimizerConfig
 
 _ROOMS = DataConfig(
-    train="rooms:train:0-3000",
+    train="rooms:train:0-6000",
     references=3,
     room_frames=3,
     mirror=True,
     color_jitter=0.2,
     cache="cache/rooms",
 )
-_HALF = replace(_ROOMS, size=(160, 128))
+_HALF = replace(_ROOMS, size=(160, 128), semantic_size=(320, 256))
+"""SAM sees the pictures at full size, which costs it nothing, and all else is half as large."""
+_SINGLE = replace(
+    _HALF,
+    train="rooms:train:6000-30000",
+    num_views=1,
+    references=1,
+    room_frames=1,
+    cache=None,
+    workers=2,
+)
+"""Many rooms, a picture of each: labels are limited by the number of rooms seen."""
 
 _CLASS_WEIGHTS = (
     0.44, 0.66, 1.03, 1.78, 1.52, 1.62, 1.71, 0.98, 1.21, 1.98,
@@ -46,10 +57,10 @@ _RUNS = (
         about="First stage of `tiny`: its semantic half on single pictures, prompted with true "
         "depth, in place of SAM's pre-training.",
         model=ModelConfig("tiny_semantic_gt_depth"),
-        data=replace(_HALF, num_views=1, references=1),
+        data=_SINGLE,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=6e-4, steps=1100, gradient_clip=1.0),
-        train=TrainConfig(batch_size=8, val_every=300, checkpoint_every=100),
+        optimizer=OptimizerConfig(lr=6e-4, steps=1400, gradient_clip=1.0),
+        train=TrainConfig(batch_size=8, val_every=350, checkpoint_every=50),
     ),
     _TINY_HALF,
     Experiment(

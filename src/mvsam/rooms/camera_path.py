@@ -1,4 +1,4 @@
-"""A hand-held camera that looks about in a room, as a person with a scanning phone does."""
+"""A hand-held camera that looks about in a room, or walks around one thing in it."""
 
 import numpy as np
 from jaxtyping import Float
@@ -59,15 +59,23 @@ def _sphere(count: int = 66) -> np.ndarray:
 
 
 def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int) -> list[Camera]:
-    """Poses of neighbouring views: 2-60 cm apart, turning a little, never near a surface."""
+    """Poses of neighbouring views, never near a surface.
+
+    Most are 2-60 cm apart and turn a little; a fifth of the paths go around one thing, in steps of
+    up to 45 degrees and 1.2 m, as people photograph a piece of furniture.
+    """
     lens = intrinsics(dice, width, height)
     best, best_score = None, -np.inf
     wanted = _rare_point(room, dice) if dice.chance(0.85) else None
     pace = _pace(dice)
+    step_deg = dice.uniform(8, 45) if wanted is not None and dice.chance(0.24) else None
     for attempt in range(_ATTEMPTS):
         crowded = attempt > 80
         target, scale = (None, 0.4) if crowded else (wanted, max(pace * 0.996**attempt, 0.4))
-        poses = _wander(room, dice, num_frames, target, scale)
+        if step_deg is not None and not crowded:
+            poses = _walk_around(room, dice, num_frames, wanted, step_deg * 0.99**attempt)
+        else:
+            poses = _wander(room, dice, num_frames, target, scale)
         if poses is None:
             continue
         score = _interest(room, lens, poses, width, height) + dice.uniform(0, 0.4)
@@ -124,6 +132,32 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number):
         positions.append(position)
         roll += dice.uniform(-1, 1)
         angles.append((yaw, pitch, roll))
+    return _free_poses(room, positions, angles)
+
+
+def _walk_around(room: Room, dice: Dice, num_frames: int, centre: np.ndarray, step_deg: Number):
+    """Poses on an arc of at most 110 degrees that look at `centre`; None if something is near."""
+    step_deg = min(step_deg, 110 / max(num_frames - 1, 1)) * dice.pick([-1, 1])
+    bearing, radius, height = dice.uniform(0, 360), dice.uniform(0.8, 2.8), dice.uniform(0.9, 1.8)
+    positions, angles = [], []
+    for _ in range(num_frames):
+        turn, out = np.radians(bearing), radius * dice.uniform(0.88, 1.12)
+        position = np.array(
+            [
+                centre[0] + out * np.cos(turn),
+                centre[1] + out * np.sin(turn),
+                height + dice.uniform(-0.12, 0.12),
+            ]
+        )
+        yaw, pitch = _bearing(centre - position) + [dice.uniform(-6, 6), dice.uniform(-6, 6)]
+        positions.append(position)
+        angles.append((yaw, float(np.clip(pitch, -65, 10)), dice.uniform(-4, 4)))
+        bearing += step_deg * dice.uniform(0.7, 1.3)
+    return _free_poses(room, positions, angles)
+
+
+def _free_poses(room: Room, positions: list[np.ndarray], angles: list[tuple]):
+    """The poses, or None if one of them is outside or too near to something."""
     places = np.array(positions)
     if not room.contains(places).all() or (clearance(room, places) < CLEARANCE).any():
         return None

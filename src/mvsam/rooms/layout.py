@@ -12,8 +12,8 @@ from .mesh import box, lathe, prism, rounded_outline
 from .plan import Plan
 from .room import Light, Piece, Room
 
-KINDS = ("living", "bedroom", "kitchen", "bathroom", "office", "dining", "mixed")
-_SHARES = (0.22, 0.14, 0.19, 0.22, 0.11, 0.05, 0.07)
+KINDS = ("living", "bedroom", "kitchen", "bathroom", "office", "dining", "mixed", "bare")
+_SHARES = (0.21, 0.13, 0.18, 0.20, 0.11, 0.05, 0.06, 0.06)
 """Small rare things live in kitchens and bathrooms, so these come more often than in homes."""
 
 
@@ -264,9 +264,20 @@ def _mixed(dice: Dice, plan: Plan) -> None:
         plan.in_middle(dice, tables.dining_set(dice))
 
 
+def _bare(dice: Dice, plan: Plan) -> None:
+    """An empty room with a few things standing about in it."""
+    makers = (
+        storage.cabinet, storage.drawers, storage.other_furniture, seating.armchair, seating.chair,
+        seating.ottoman, tables.side_table, tables.dining_set, storage.trolley, storage.refrigerator,
+    )  # fmt: skip
+    for _ in range(dice.count(1, 3)):
+        plan.in_middle(dice, dice.pick(makers)(dice))
+
+
 _FURNISH = {
     "living": _living, "bedroom": _bedroom, "kitchen": _kitchen, "bathroom": _bathroom,
     "office": _office, "dining": _dining, "mixed": _mixed,
+    "bare": _bare,
 }  # fmt: skip
 
 

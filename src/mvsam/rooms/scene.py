@@ -17,7 +17,7 @@ from .room import Room
 
 SPLITS: dict[str, int | None] = {"train": None, "val": 100, "test": 100}
 """Number of scenes; None is unlimited."""
-VERSION = 2
+VERSION = 3
 """Grows whenever a change alters a pixel, so that no cache serves rooms of another version."""
 _SPLIT_KEYS = {"train": 101, "val": 202, "test": 303}
 
