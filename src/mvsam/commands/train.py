@@ -73,9 +73,12 @@ class Train:
             default=self._with_shortcuts(find_run(self.name)),
             args=list(self.overrides),
         )
+        folder = self.out or Path("runs") / self.name
+        steps, samples = experiment.optimizer.steps, experiment.train.batch_size
+        print(f"Run {experiment.name} into {folder}: {steps:,} steps of {samples} samples")
         weights = train(
             experiment,
-            self.out or Path("runs") / self.name,
+            folder,
             self.devices,
             self.nodes,
             self.accelerator,

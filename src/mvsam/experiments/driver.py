@@ -82,10 +82,9 @@ def train(
     )
     stop = SafeStop(folder / LAST)
     callbacks = [stop, Throughput(), LearningRateMonitor("step"), ValidationPictures(classes)]
-    trainer = _trainer(experiment, folder, device, devices, num_nodes, callbacks, progress)
     data = ExperimentData(experiment, devices * num_nodes)
-    with warnings.catch_warnings(), _early_end(stop):
-        _silence_lightning()
+    with _quiet_lightning(), _early_end(stop):
+        trainer = _trainer(experiment, folder, device, devices, num_nodes, callbacks, progress)
         trainer.fit(module, data, ckpt_path=last, weights_only=True)
     target = folder / "model.safetensors"
     if trainer.is_global_zero:
@@ -209,7 +208,31 @@ def _trainer(
     )
 
 
-def _silence_lightning() -> None:
-    """Advice that does not apply: the stream goes on exactly where it stopped."""
-    for text in (".*does not have many workers.*", ".*resuming from a checkpoint.*"):
-        warnings.filterwarnings("ignore", text)
+@contextmanager
+def _quiet_lightning() -> Iterator[None]:
+    """Leaves out its advertisements, and advice that does not apply.
+
+    The stream goes on exactly where it stopped, and a folder that is not empty is how a run goes
+    on.
+    """
+    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
+    levels = [logger.level for logger in loggers]
+    with warnings.catch_warnings():
+        for text in _NEEDLESS:
+            warnings.filterwarnings("ignore", text)
+        for logger in loggers:
+            logger.setLevel(logging.WARNING)
+        try:
+            yield
+        finally:
+            for logger, level in zip(loggers, levels, strict=True):
+                logger.setLevel(level)
+
+
+_NEEDLESS = (
+    ".*does not have many workers.*",
+    ".*resuming from a checkpoint.*",
+    ".*exists and is not empty.*",
+    ".*LeafSpec.*",
+    ".*persistent_workers.*",
+)

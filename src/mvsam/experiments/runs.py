@@ -59,8 +59,8 @@ _RUNS = (
         model=ModelConfig("tiny_semantic_gt_depth"),
         data=_SINGLE,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=6e-4, steps=1400, gradient_clip=1.0),
-        train=TrainConfig(batch_size=8, val_every=350, checkpoint_every=50),
+        optimizer=OptimizerConfig(lr=6e-4, steps=1000, gradient_clip=1.0),
+        train=TrainConfig(batch_size=8, val_every=250, checkpoint_every=50),
     ),
     _TINY_HALF,
     Experiment(
