@@ -149,9 +149,10 @@ def _walk_around(room: Room, dice: Dice, num_frames: int, centre: np.ndarray, st
                 height + dice.uniform(-0.12, 0.12),
             ]
         )
-        yaw, pitch = _bearing(centre - position) + [dice.uniform(-6, 6), dice.uniform(-6, 6)]
+        yaw, pitch = _bearing(centre - position)
+        yaw, pitch = yaw + dice.uniform(-6, 6), np.clip(pitch + dice.uniform(-6, 6), -65, 10)
         positions.append(position)
-        angles.append((yaw, float(np.clip(pitch, -65, 10)), dice.uniform(-4, 4)))
+        angles.append((yaw, float(pitch), dice.uniform(-4, 4)))
         bearing += step_deg * dice.uniform(0.7, 1.3)
     return _free_poses(room, positions, angles)
 

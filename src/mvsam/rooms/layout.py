@@ -267,8 +267,9 @@ def _mixed(dice: Dice, plan: Plan) -> None:
 def _bare(dice: Dice, plan: Plan) -> None:
     """An empty room with a few things standing about in it."""
     makers = (
-        storage.cabinet, storage.drawers, storage.other_furniture, seating.armchair, seating.chair,
-        seating.ottoman, tables.side_table, tables.dining_set, storage.trolley, storage.refrigerator,
+        storage.cabinet, storage.drawers, storage.other_furniture, seating.armchair,
+        seating.chair, seating.ottoman, tables.side_table, tables.dining_set, storage.trolley,
+        storage.refrigerator,
     )  # fmt: skip
     for _ in range(dice.count(1, 3)):
         plan.in_middle(dice, dice.pick(makers)(dice))
