@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from mvsam.data.augment import jitter_colors, mirrored
+from mvsam.data.augment import jitter_colors, mirrored, random_part
 from mvsam.types import Frame
 
 
@@ -71,3 +71,18 @@ def test_jitter_differs_between_views_and_repeats_with_its_dice():
 def test_no_jitter_changes_nothing():
     images = torch.rand(2, 3, 5, 5)
     torch.testing.assert_close(jitter_colors(images, 0.0, np.random.default_rng(0)), images)
+
+
+def test_a_random_part_shows_the_same_points_under_its_own_camera():
+    frame = make_frame((60, 40))
+    points = np.random.default_rng(0).normal((0, 0, 6), 0.3, size=(20, 3))
+    whole, _ = project(points, frame.intrinsics, frame.world_from_cam)
+    for seed in range(10):
+        part = random_part(frame, 0.5, np.random.default_rng(seed))
+        assert 30 <= part.size[0] <= 60 and abs(part.size[0] * 40 - part.size[1] * 60) <= 60
+        pixels, _ = project(points, part.intrinsics, part.world_from_cam)
+        left, top = np.rint(whole[0] - pixels[0]).astype(int)
+        np.testing.assert_allclose(whole - pixels, np.tile((left, top), (20, 1)), atol=1e-9)
+        expected = frame.image[top : top + part.size[1], left : left + part.size[0]]
+        np.testing.assert_array_equal(part.image, expected)
+    assert random_part(frame, 1.0, np.random.default_rng(0)).size == frame.size

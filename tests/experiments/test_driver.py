@@ -28,7 +28,12 @@ from mvsam.experiments.runs import find_run
 from mvsam.model import MultiViewSAM
 from mvsam.weights import load_into, read_info, read_tensors, save
 from tests.experiments.conftest import write_labelled_folder
-from tests.experiments.small_run import gradients_of_one_step, run, small_experiment
+from tests.experiments.small_run import (
+    gradients_of_one_step,
+    run,
+    small_experiment,
+    with_singles,
+)
 from tests.small import SIDE, small_model
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Lightning's and TensorBoard's own
@@ -54,6 +59,15 @@ def test_a_killed_and_resumed_run_ends_with_the_weights_of_one_never_killed(
     assert resumed.keys() == expected.keys()
     assert all(torch.equal(resumed[key], expected[key]) for key in expected)
     assert not torch.equal(resumed["decoder.class_tokens"], half_way["decoder.class_tokens"])
+
+
+def test_single_photos_are_refused_where_the_model_cannot_learn_from_them(
+    data: Path, tmp_path: Path
+):
+    experiment = with_singles(data, 1)
+    experiment = replace(experiment, model=replace(experiment.model, name="cas_mvsnet"))
+    with pytest.raises(InputError, match="cas_mvsnet cannot label single photos"):
+        train(experiment, tmp_path)
 
 
 def test_a_finished_run_leaves_weights_page_checkpoint_record_and_logs(finished: Path):

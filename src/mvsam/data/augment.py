@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mvsam.data.transforms import crop_to_window
 from mvsam.types import Frame
 
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -29,6 +30,18 @@ def mirrored(frame: Frame) -> Frame:
         load_depth=None if load_depth is None else lambda: _flipped(load_depth()),
         load_labels=None if load_labels is None else lambda: _flipped(load_labels()),
     )
+
+
+def random_part(frame: Frame, smallest: float, dice: np.random.Generator) -> Frame:
+    """A window of the frame anywhere in it, of its shape, as large as chance says.
+
+    smallest: of the window's sides, as a share of the frame's; 1 is the whole frame. Depth stays as
+    it is, as if the lens were longer.
+    """
+    share, across, down = dice.uniform(smallest, 1), dice.random(), dice.random()
+    width, height = (round(share * side) for side in frame.size)
+    corner = round(across * (frame.size[0] - width)), round(down * (frame.size[1] - height))
+    return crop_to_window(frame, corner, (width, height))
 
 
 def _flipped(pixels: np.ndarray) -> np.ndarray:
