@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from mvsam.data.augment import jitter_colors, mirrored, random_part
+from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
 from mvsam.types import Frame
 
 
@@ -86,3 +86,16 @@ def test_a_random_part_shows_the_same_points_under_its_own_camera():
         expected = frame.image[top : top + part.size[1], left : left + part.size[0]]
         np.testing.assert_array_equal(part.image, expected)
     assert random_part(frame, 1.0, np.random.default_rng(0)).size == frame.size
+
+
+def test_pose_noise_has_its_size_and_leaves_the_pose_rigid():
+    frame, dice = make_frame(), np.random.default_rng(0)
+    noisy = [with_pose_noise(frame, 0.01, 0.5, dice).world_from_cam for _ in range(300)]
+    errors = np.linalg.inv(frame.world_from_cam) @ np.stack(noisy)
+    turns = np.degrees(np.arccos(np.clip((np.trace(errors, axis1=1, axis2=2) - 2) / 2, -1, 1)))
+    # Root mean squares over 900 numbers; 3^0.5 axes.
+    np.testing.assert_allclose(errors[:, :3, 3].std(), 0.01, rtol=0.1)
+    np.testing.assert_allclose((turns**2).mean() ** 0.5, 0.5 * 3**0.5, rtol=0.1)
+    np.testing.assert_allclose(noisy[0][:3, :3] @ noisy[0][:3, :3].T, np.eye(3), atol=1e-12)
+    still = with_pose_noise(frame, 0.0, 0.0, dice)
+    np.testing.assert_allclose(still.world_from_cam, frame.world_from_cam)

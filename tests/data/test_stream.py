@@ -187,3 +187,27 @@ def test_each_labelled_photo_comes_once_an_epoch_and_those_left_out_never(mixed:
         if torch.equal(make_views([frame], (32, 32)).images[0, 0], image)
     ]
     assert names == ["0000", "0002", "0003", "0004"]
+
+
+def test_the_number_of_views_changes_from_step_to_step_and_not_within_one(config: DataConfig):
+    stream = SampleStream(replace(config, fewest_views=2), seed=1, batch_size=2)
+    counts = [stream[n].views.num_views for n in range(16)]
+    assert counts[::2] == counts[1::2] and set(counts) == {2, 3}
+    whole = SampleStream(config, seed=1)
+    shorter = counts.index(2)
+    assert torch.equal(stream[shorter].views.images, whole[shorter].views.images[:, :2])
+
+
+def test_the_end_of_the_depth_range_is_drawn_for_each_sample(config: DataConfig):
+    stream = SampleStream(replace(config, farthest=(3.0, 12.0)), seed=1)
+    ends = [stream[n].views.depth_range[0].tolist() for n in range(12)]
+    assert all(near == pytest.approx(0.1) and 3 <= far <= 12 for near, far in ends)
+    assert max(far for _, far in ends) > 2 * min(far for _, far in ends)
+
+
+def test_pose_noise_moves_every_view_and_no_depth(config: DataConfig):
+    clean = SampleStream(config, seed=1)[0]
+    noisy = SampleStream(replace(config, pose_noise=(0.005, 0.2)), seed=1)[0]
+    moved = noisy.views.world_from_cam - clean.views.world_from_cam
+    assert (moved[0, :, :3, 3].norm(dim=-1) > 1e-4).all() and moved.abs().max() < 0.05
+    assert torch.equal(noisy.targets[0].depth, clean.targets[0].depth)

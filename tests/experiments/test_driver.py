@@ -159,6 +159,18 @@ def test_more_references_than_views_are_refused(data: Path, tmp_path: Path):
         train(experiment, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("fewest", "words"), [(1, "2 references of 1 views"), (4, "fewest 4 of 3 views")]
+)
+def test_a_number_of_views_that_cannot_be_had_is_refused(
+    data: Path, tmp_path: Path, fewest: int, words: str
+):
+    experiment = small_experiment(data, 1, "auto")
+    experiment = replace(experiment, data=replace(experiment.data, fewest_views=fewest))
+    with pytest.raises(InputError, match=words):
+        train(experiment, tmp_path)
+
+
 def test_a_named_precision_is_kept_and_auto_follows_the_hardware(monkeypatch):
     assert precision_of("32-true", "cpu") == "32-true"
     for has, expected in ((True, "bf16-mixed"), (False, "32-true")):

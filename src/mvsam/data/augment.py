@@ -44,6 +44,29 @@ def random_part(frame: Frame, smallest: float, dice: np.random.Generator) -> Fra
     return crop_to_window(frame, corner, (width, height))
 
 
+def with_pose_noise(
+    frame: Frame, metres: float, degrees: float, dice: np.random.Generator
+) -> Frame:
+    """The frame with the pose that a tracker might have found for it.
+
+    metres, degrees: standard deviations along and about each of the camera's axes.
+    """
+    error = np.eye(4)
+    error[:3, :3] = rotation_by(np.radians(degrees) * dice.standard_normal(3))
+    error[:3, 3] = metres * dice.standard_normal(3)
+    return replace(frame, world_from_cam=frame.world_from_cam @ error)
+
+
+def rotation_by(axis_angle: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Rodrigues' formula; the vector's length is the angle, radians."""
+    angle = float(np.linalg.norm(axis_angle))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = axis_angle / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
 def _flipped(pixels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pixels[:, ::-1])
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from torch.utils.data import Dataset, Sampler
 
-from mvsam.data.augment import jitter_colors, mirrored, random_part
+from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import collate, make_targets, make_views
 from mvsam.data.sampling import view_tuples
@@ -29,6 +29,9 @@ class DataConfig:
     """Scenes to watch while training."""
     num_views: int = 3
     """The paper's M."""
+    fewest_views: int | None = None
+    """From step to step the number of views changes, drawn evenly from these to `num_views`; none:
+    always `num_views`."""
     references: int = 1
     """How many views of each tuple serve as reference in turn; they share their features
     ("we repeat this M times", Sec. 3)."""
@@ -42,6 +45,12 @@ class DataConfig:
     give it the pictures of `size`, enlarged (none)."""
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres."""
+    farthest: tuple[float, float] | None = None
+    """Metres; the end of the depth range is drawn anew for each sample between these, evenly in its
+    logarithm; none: that of `depth_range`. Deeper pixels teach no depth."""
+    pose_noise: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of errors that are added to every view's pose: metres along each axis,
+    degrees about each axis. Depth stays that of the true camera."""
     room_frames: int = 5
     """Frames rendered of each procedural room to train on, at `semantic_size` or else `size`; at
     least `num_views`."""
@@ -77,10 +86,13 @@ class TrainingSample(NamedTuple):
 
 
 class SampleStream(Dataset[TrainingSample]):
-    """Sample n: a scene of the n-th place in endlessly reshuffled order, a random tuple of it."""
+    """Sample n: a scene of the n-th place in endlessly reshuffled order, a random tuple of it.
 
-    def __init__(self, config: DataConfig, seed: int):
-        self.config, self.seed = config, seed
+    batch_size: of so many samples in a row all have equally many views, as a step's must.
+    """
+
+    def __init__(self, config: DataConfig, seed: int, batch_size: int = 1):
+        self.config, self.seed, self.batch_size = config, seed, batch_size
         self.scenes: Sequence[Scene] = open_data(
             config.train,
             room_frames=config.room_frames,
@@ -96,12 +108,16 @@ class SampleStream(Dataset[TrainingSample]):
         scene, config = self.scenes[index], self.config
         tuples = self._full_tuples(index, scene)
         dice = np.random.default_rng((self.seed, n))
-        frames = [scene.frame(index) for index in tuples[dice.integers(len(tuples))]]
+        chosen = tuples[dice.integers(len(tuples))][: self._num_views(n)]
+        frames = [scene.frame(index) for index in chosen]
         if config.crop:
             frames = [crop_to_shape(frame, config.size) for frame in frames]
         if config.mirror and dice.random() < 0.5:
             frames = [mirrored(frame) for frame in frames]
-        views = make_views(frames, config.size, config.depth_range, config.semantic_size)
+        if any(config.pose_noise):
+            frames = [with_pose_noise(frame, *config.pose_noise, dice) for frame in frames]
+        depth_range = _drawn_range(config, dice)
+        views = make_views(frames, config.size, depth_range, config.semantic_size)
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
         if config.references > 1:  # measured depth belongs to view 0 alone
@@ -109,6 +125,12 @@ class SampleStream(Dataset[TrainingSample]):
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
         singles = None if self._singles is None else self._singles[n]
         return TrainingSample(views, targets, singles)
+
+    def _num_views(self, n: int) -> int:
+        if self.config.fewest_views is None:
+            return self.config.num_views
+        dice = np.random.default_rng((self.seed, n // self.batch_size, 3))
+        return int(dice.integers(self.config.fewest_views, self.config.num_views + 1))
 
     def _full_tuples(self, index: int, scene: Scene) -> list[tuple[int, ...]]:
         """Those with as many views as are asked for, so that samples fit into one batch."""
@@ -145,10 +167,17 @@ class SingleStream(Dataset[tuple[Views, Targets]]):
         frame = random_part(frame, config.singles_part, dice)
         if config.mirror and dice.random() < 0.5:
             frame = mirrored(frame)
-        views = make_views([frame], config.size, config.depth_range, config.semantic_size)
+        depth_range = _drawn_range(config, dice)
+        views = make_views([frame], config.size, depth_range, config.semantic_size)
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
         return views, make_targets(frame, config.size)
+
+
+def _drawn_range(config: DataConfig, dice: np.random.Generator) -> tuple[float, float]:
+    if config.farthest is None:
+        return config.depth_range
+    return config.depth_range[0], float(np.exp(dice.uniform(*np.log(config.farthest))))
 
 
 def _recoloured(views: Views, strength: float, dice: np.random.Generator) -> Views:

@@ -30,10 +30,16 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
             f"run {experiment.name}: --model.feature-cache keeps features of pictures that come "
             "again, and --data.mirror and --data.color-jitter change them; leave one of them out."
         )
-    if experiment.data.references > experiment.data.num_views:
+    views = experiment.data.fewest_views or experiment.data.num_views
+    if experiment.data.references > views:
         raise InputError(
             f"run {experiment.name}: {experiment.data.references} references of "
-            f"{experiment.data.num_views} views; at most every view can serve once."
+            f"{views} views; at most every view can serve once."
+        )
+    if views > experiment.data.num_views:
+        raise InputError(
+            f"run {experiment.name}: fewest {views} of {experiment.data.num_views} views; lower "
+            "--data.fewest-views."
         )
 
 
