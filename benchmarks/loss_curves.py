@@ -73,7 +73,7 @@ class Run:
         return self.losses
 
     def step(self, samples: Sequence) -> float:
-        views, (targets,) = collate_training(samples)
+        views, (targets,), _ = collate_training(samples)
         views, targets = views.to(self.case.device), targets.to(self.case.device)
         with autocast(self.case.device, self.case.precision):
             loss = JointLoss()(self.model(views), targets, views.depth_range)["loss"]

@@ -271,3 +271,18 @@ def test_depth_range_is_each_item_s_own(evaluated):
     torch.testing.assert_close(prediction.depth[0], first.depth[0])
     coarse = prediction.stages[0].hypotheses
     assert coarse[1].min() == 1.0 and coarse[1].max() == 2.0
+
+
+def test_labelling_a_photo_alone_equals_predicting_it_with_its_own_depth_as_measurement(evaluated):
+    model, views = evaluated("tiny"), random_views()
+    whole = predict(model, views)
+    assert whole.depth is not None and whole.logits is not None
+    with torch.no_grad():
+        alone = model.segment(replace(views, measured_depth=whole.depth))
+    assert alone.depth is None and alone.logits is not None
+    torch.testing.assert_close(alone.logits, whole.logits, atol=1e-4, rtol=1e-4)
+
+
+def test_a_model_without_a_decoder_cannot_label_photos(evaluated):
+    with pytest.raises(ValueError, match="no decoder"):
+        evaluated("cas_mvsnet").segment(random_views(measured=True))

@@ -88,11 +88,7 @@ class MultiViewSAM(Model):
         """
         self._check(views)
         images = views.images.flatten(0, 1)
-        semantic = None
-        if self.semantic_encoder is not None:
-            given = views.semantic_images
-            seen = images if given is None else given.flatten(0, 1)
-            semantic = self.semantic_encoder(seen, (views.height // 4, views.width // 4))
+        semantic = self._semantic_features(views)
         pyramid = self.geometry_encoder(images) if self.geometry_encoder else ()
         if self.bridge is not None and semantic is not None:
             added = self.bridge(semantic)
@@ -121,6 +117,27 @@ class MultiViewSAM(Model):
         confidence = combined_confidence(stages, size) if stages else None
         logits = self._segment(features, views, depth) if self.decoder else None
         return Prediction(depth, confidence, logits, stages)
+
+    def segment(self, views: Views) -> Prediction:
+        """Logits of view 0 alone, prompted with its measured depth: Sec. 3.3 without Sec. 3.2.
+
+        For labelled photographs that have no neighbours with poses. Raises ValueError where the
+        model has no decoder, or a prompt and no measured depth for it.
+        """
+        if self.decoder is None:
+            raise ValueError("this model has no decoder, so it cannot label pictures")
+        self._check(views)
+        alone = views.select([0])
+        semantic = self._semantic_features(alone)
+        assert semantic is not None
+        features = Features(semantic=semantic.unflatten(0, alone.images.shape[:2]))
+        return Prediction(logits=self._segment(features, alone, None))
+
+    def _semantic_features(self, views: Views) -> Float[Tensor, "batch_view channel h4 w4"] | None:
+        if self.semantic_encoder is None:
+            return None
+        given = views.images if views.semantic_images is None else views.semantic_images
+        return self.semantic_encoder(given.flatten(0, 1), (views.height // 4, views.width // 4))
 
     def _check(self, views: Views) -> None:
         divisor = 32 if self.cascade else 4

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from mvsam.data.augment import jitter_colors, mirrored
+from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
 from mvsam.types import Frame
 
 
@@ -71,3 +71,31 @@ def test_jitter_differs_between_views_and_repeats_with_its_dice():
 def test_no_jitter_changes_nothing():
     images = torch.rand(2, 3, 5, 5)
     torch.testing.assert_close(jitter_colors(images, 0.0, np.random.default_rng(0)), images)
+
+
+def test_a_random_part_shows_the_same_points_under_its_own_camera():
+    frame = make_frame((60, 40))
+    points = np.random.default_rng(0).normal((0, 0, 6), 0.3, size=(20, 3))
+    whole, _ = project(points, frame.intrinsics, frame.world_from_cam)
+    for seed in range(10):
+        part = random_part(frame, 0.5, np.random.default_rng(seed))
+        assert 30 <= part.size[0] <= 60 and abs(part.size[0] * 40 - part.size[1] * 60) <= 60
+        pixels, _ = project(points, part.intrinsics, part.world_from_cam)
+        left, top = np.rint(whole[0] - pixels[0]).astype(int)
+        np.testing.assert_allclose(whole - pixels, np.tile((left, top), (20, 1)), atol=1e-9)
+        expected = frame.image[top : top + part.size[1], left : left + part.size[0]]
+        np.testing.assert_array_equal(part.image, expected)
+    assert random_part(frame, 1.0, np.random.default_rng(0)).size == frame.size
+
+
+def test_pose_noise_has_its_size_and_leaves_the_pose_rigid():
+    frame, dice = make_frame(), np.random.default_rng(0)
+    noisy = [with_pose_noise(frame, 0.01, 0.5, dice).world_from_cam for _ in range(300)]
+    errors = np.linalg.inv(frame.world_from_cam) @ np.stack(noisy)
+    turns = np.degrees(np.arccos(np.clip((np.trace(errors, axis1=1, axis2=2) - 2) / 2, -1, 1)))
+    # Root mean squares over 900 numbers; 3^0.5 axes.
+    np.testing.assert_allclose(errors[:, :3, 3].std(), 0.01, rtol=0.1)
+    np.testing.assert_allclose((turns**2).mean() ** 0.5, 0.5 * 3**0.5, rtol=0.1)
+    np.testing.assert_allclose(noisy[0][:3, :3] @ noisy[0][:3, :3].T, np.eye(3), atol=1e-12)
+    still = with_pose_noise(frame, 0.0, 0.0, dice)
+    np.testing.assert_allclose(still.world_from_cam, frame.world_from_cam)

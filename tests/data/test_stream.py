@@ -9,7 +9,10 @@ import pytest
 import torch
 from torch.utils.data import DataLoader
 
+from mvsam.data.dataset import make_views
+from mvsam.data.single_views import SingleViews
 from mvsam.data.stream import DataConfig, Onward, SampleStream, TrainingSample, collate_training
+from mvsam.types import Targets, Views
 from tests.synthetic import write_posed_folder
 
 
@@ -23,7 +26,8 @@ def config(tmp_path_factory) -> DataConfig:
 
 
 def fingerprint(sample: TrainingSample) -> torch.Tensor:
-    views, targets = sample
+    views, targets, singles = sample
+    assert singles is None
     parts = [views.images, views.intrinsics, views.world_from_cam, *(t.depth for t in targets)]
     return torch.cat([part.flatten() for part in [*parts, *(t.labels for t in targets)]])
 
@@ -72,7 +76,7 @@ def test_a_scene_shows_other_tuples_when_it_comes_again(config: DataConfig):
 
 
 def test_samples_hold_the_references_first_and_their_own_targets(config: DataConfig):
-    views, targets = SampleStream(config, seed=1)[0]
+    views, targets, _ = SampleStream(config, seed=1)[0]
     assert views.images.shape == (1, 3, 3, 32, 32) and len(targets) == 2
     assert views.measured_depth is None  # it would belong to the first reference alone
     one = SampleStream(replace(config, references=1), seed=1)[0]
@@ -115,7 +119,7 @@ def test_processes_share_the_numbers_of_one_step(processes: int):
 
 def test_collating_stacks_samples_and_keeps_references_apart(config: DataConfig):
     stream = SampleStream(config, seed=1)
-    views, targets = collate_training([stream[0], stream[1]])
+    views, targets, _ = collate_training([stream[0], stream[1]])
     assert views.images.shape == (2, 3, 3, 32, 32) and len(targets) == 2
     for reference in range(2):
         for item in range(2):
@@ -125,8 +129,85 @@ def test_collating_stacks_samples_and_keeps_references_apart(config: DataConfig)
 
 def test_photos_for_sam_are_recoloured_and_cropped_as_the_pictures_are(config: DataConfig):
     config = replace(config, size=(32, 16), semantic_size=(32, 16), color_jitter=0.2, crop=True)
-    views, _ = SampleStream(config, seed=1)[0]
+    views, *_ = SampleStream(config, seed=1)[0]
     assert views.semantic_images is not None
     torch.testing.assert_close(views.semantic_images, views.images)
-    larger, _ = SampleStream(replace(config, semantic_size=(64, 48)), seed=1)[0]
+    larger, *_ = SampleStream(replace(config, semantic_size=(64, 48)), seed=1)[0]
     assert torch.equal(larger.images, views.images)
+
+
+@pytest.fixture(scope="module")
+def mixed(config: DataConfig, tmp_path_factory) -> DataConfig:
+    """The same scenes with two of four labelled photos beside each sample."""
+    folder = tmp_path_factory.mktemp("singles")
+    write_posed_folder(folder, 5, (40, 30))
+    (folder / "without.txt").write_text("0001\n")
+    return replace(
+        config,
+        singles=str(folder),
+        singles_per_sample=2,
+        singles_without=(str(folder / "without.txt"),),
+        mirror=True,
+        color_jitter=0.1,
+    )
+
+
+def singles_of(sample: TrainingSample) -> tuple[Views, Targets]:
+    assert sample.singles is not None
+    return sample.singles
+
+
+def test_labelled_photos_come_beside_each_sample_with_their_own_depth(mixed: DataConfig):
+    views, targets = singles_of(SampleStream(mixed, seed=1)[0])
+    assert views.images.shape == (2, 1, 3, 32, 32) and targets.labels.shape == (2, 32, 32)
+    assert views.measured_depth is not None
+    assert torch.equal(views.measured_depth, targets.depth)
+    batch = collate_training([SampleStream(mixed, seed=1)[n] for n in range(3)])
+    assert singles_of(batch)[0].images.shape == (6, 1, 3, 32, 32)
+
+
+def test_labelled_photos_depend_on_seed_and_number_alone_and_change_no_tuple(mixed: DataConfig):
+    forward, backward = SampleStream(mixed, seed=1), SampleStream(mixed, seed=1)
+    samples = {n: forward[n] for n in range(4)}
+    other = SampleStream(replace(mixed, singles=None), seed=1)
+    for n in (3, 0, 2):
+        first, second = singles_of(samples[n])[0], singles_of(backward[n])[0]
+        assert torch.equal(first.images, second.images)
+        assert_equal(samples[n]._replace(singles=None), other[n])
+
+
+def test_each_labelled_photo_comes_once_an_epoch_and_those_left_out_never(mixed: DataConfig):
+    stream = SampleStream(replace(mixed, singles_part=1.0, mirror=False, color_jitter=0.0), seed=1)
+    frames = SingleViews(str(mixed.singles))
+    shown = [image[0] for n in range(2) for image in singles_of(stream[n])[0].images]
+    names = [
+        frame.name
+        for frame in frames
+        for image in shown
+        if torch.equal(make_views([frame], (32, 32)).images[0, 0], image)
+    ]
+    assert names == ["0000", "0002", "0003", "0004"]
+
+
+def test_the_number_of_views_changes_from_step_to_step_and_not_within_one(config: DataConfig):
+    stream = SampleStream(replace(config, fewest_views=2), seed=1, batch_size=2)
+    counts = [stream[n].views.num_views for n in range(16)]
+    assert counts[::2] == counts[1::2] and set(counts) == {2, 3}
+    whole = SampleStream(config, seed=1)
+    shorter = counts.index(2)
+    assert torch.equal(stream[shorter].views.images, whole[shorter].views.images[:, :2])
+
+
+def test_the_end_of_the_depth_range_is_drawn_for_each_sample(config: DataConfig):
+    stream = SampleStream(replace(config, farthest=(3.0, 12.0)), seed=1)
+    ends = [stream[n].views.depth_range[0].tolist() for n in range(12)]
+    assert all(near == pytest.approx(0.1) and 3 <= far <= 12 for near, far in ends)
+    assert max(far for _, far in ends) > 2 * min(far for _, far in ends)
+
+
+def test_pose_noise_moves_every_view_and_no_depth(config: DataConfig):
+    clean = SampleStream(config, seed=1)[0]
+    noisy = SampleStream(replace(config, pose_noise=(0.005, 0.2)), seed=1)[0]
+    moved = noisy.views.world_from_cam - clean.views.world_from_cam
+    assert (moved[0, :, :3, 3].norm(dim=-1) > 1e-4).all() and moved.abs().max() < 0.05
+    assert torch.equal(noisy.targets[0].depth, clean.targets[0].depth)

@@ -33,6 +33,13 @@ def small_experiment(data: Path, steps: int, precision: str) -> Experiment:
     )
 
 
+def with_singles(data: Path, steps: int) -> Experiment:
+    """The folder's photos once as tuples and once as if nobody knew their poses."""
+    experiment = small_experiment(data, steps, "auto")
+    settings = replace(experiment.data, singles=str(data), singles_per_sample=2)
+    return replace(experiment, data=settings)
+
+
 def run(folder: Path, data: Path, steps: int = 6, devices: int = 1, precision="auto") -> Path:
     """Trains to the end, or goes on where a killed run stopped."""
     return drive(small_experiment(data, steps, precision), folder, devices)

@@ -28,7 +28,12 @@ from mvsam.experiments.runs import find_run
 from mvsam.model import MultiViewSAM
 from mvsam.weights import load_into, read_info, read_tensors, save
 from tests.experiments.conftest import write_labelled_folder
-from tests.experiments.small_run import gradients_of_one_step, run, small_experiment
+from tests.experiments.small_run import (
+    gradients_of_one_step,
+    run,
+    small_experiment,
+    with_singles,
+)
 from tests.small import SIDE, small_model
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Lightning's and TensorBoard's own
@@ -54,6 +59,15 @@ def test_a_killed_and_resumed_run_ends_with_the_weights_of_one_never_killed(
     assert resumed.keys() == expected.keys()
     assert all(torch.equal(resumed[key], expected[key]) for key in expected)
     assert not torch.equal(resumed["decoder.class_tokens"], half_way["decoder.class_tokens"])
+
+
+def test_single_photos_are_refused_where_the_model_cannot_learn_from_them(
+    data: Path, tmp_path: Path
+):
+    experiment = with_singles(data, 1)
+    experiment = replace(experiment, model=replace(experiment.model, name="cas_mvsnet"))
+    with pytest.raises(InputError, match="cas_mvsnet cannot label single photos"):
+        train(experiment, tmp_path)
 
 
 def test_a_finished_run_leaves_weights_page_checkpoint_record_and_logs(finished: Path):
@@ -142,6 +156,18 @@ def test_more_references_than_views_are_refused(data: Path, tmp_path: Path):
     experiment = small_experiment(data, 1, "auto")
     experiment = replace(experiment, data=replace(experiment.data, references=4))
     with pytest.raises(InputError, match="4 references of 3 views"):
+        train(experiment, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("fewest", "words"), [(1, "2 references of 1 views"), (4, "fewest 4 of 3 views")]
+)
+def test_a_number_of_views_that_cannot_be_had_is_refused(
+    data: Path, tmp_path: Path, fewest: int, words: str
+):
+    experiment = small_experiment(data, 1, "auto")
+    experiment = replace(experiment, data=replace(experiment.data, fewest_views=fewest))
+    with pytest.raises(InputError, match=words):
         train(experiment, tmp_path)
 
 

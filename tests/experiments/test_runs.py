@@ -6,7 +6,7 @@ import torch
 
 from mvsam.data.dataset import make_targets, make_views
 from mvsam.data.posed_folder import PosedFolder
-from mvsam.data.stream import collate_training
+from mvsam.data.stream import TrainingSample, collate_training
 from mvsam.errors import InputError
 from mvsam.experiments.driver import initial_model
 from mvsam.experiments.runs import RUNS, find_run
@@ -40,7 +40,7 @@ def test_every_run_takes_one_reduced_step_that_lowers_its_loss(name: str, scene:
     if run.data.references > 1:
         views = replace(views, measured_depth=None)
     targets = [make_targets(frame, (SIDE, SIDE)) for frame in frames[: run.data.references]]
-    views, targets = collate_training([(views, targets)] * 2)
+    views, targets, _ = collate_training([TrainingSample(views, targets)] * 2)
     torch.manual_seed(0)
     with (
         mock.patch("mvsam.build.sam_vit_b", small_backbone),

@@ -14,7 +14,7 @@ from safetensors.torch import load_file
 from mvsam.data.stream import SampleStream
 from mvsam.experiments.stopping import SafeStop
 from mvsam.training.module import TrainingModule
-from tests.experiments.small_run import run
+from tests.experiments.small_run import drive, run, with_singles
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Lightning's and TensorBoard's own
 
@@ -67,6 +67,16 @@ def test_stopped_by_ctrl_c_and_by_an_error_a_run_ends_with_the_weights_of_one_ne
     resumed = load_file(run(tmp_path, data))
     expected = load_file(finished / "model.safetensors")
     assert all(torch.equal(resumed[key], expected[key]) for key in expected)
+
+
+def test_a_run_with_labelled_single_photos_goes_on_as_if_never_stopped(data: Path, tmp_path: Path):
+    experiment = with_singles(data, steps=4)
+    whole = load_file(drive(experiment, tmp_path / "whole", devices=1))
+    with unreadable_from(8), pytest.raises(OSError, match="the disk is gone"):
+        drive(experiment, tmp_path / "parts", devices=1)
+    assert saved_step(tmp_path / "parts") == 3
+    resumed = load_file(drive(experiment, tmp_path / "parts", devices=1))
+    assert all(torch.equal(resumed[key], whole[key]) for key in whole)
 
 
 def at_step_8(**changes) -> mock.Mock:

@@ -19,7 +19,7 @@ def test_speed_counts_samples_and_references_of_all_processes_but_not_validation
         log_dict=lambda values, **_: logged.update(values),
     )
     trainer = mock.Mock(spec=Trainer, world_size=2)
-    batch = (random_views(batch=2), [random_targets(batch=2)] * 3)
+    batch = (random_views(batch=2), [random_targets(batch=2)] * 3, None)
     throughput = Throughput()
 
     def end_of_step() -> None:

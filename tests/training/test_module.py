@@ -44,13 +44,27 @@ def test_the_loss_of_a_step_is_the_mean_over_the_references():
     model, views = small_model("tiny").eval(), random_views()
     targets = [random_targets(seed=seed) for seed in range(2)]
     logged: dict = {}
-    loss = module_for(model, logged).training_step((views, targets), 0)
+    loss = module_for(model, logged).training_step((views, targets, None), 0)
     parts = [
         JointLoss()(prediction, target, views.depth_range)["loss"]
         for prediction, target in zip(predict_references(model, views, 2), targets, strict=True)
     ]
     torch.testing.assert_close(loss, torch.stack(parts).mean())
     assert set(logged) == {"train/loss", "train/depth", "train/segmentation"}
+
+
+def test_single_photos_add_their_labels_loss_times_its_weight():
+    model, views, logged = small_model("tiny").eval(), random_views(), {}
+    target = random_targets()
+    singles, labels = random_views(batch=2, num_views=1, measured=True), random_targets(batch=2)
+    module = module_for(model, logged)
+    alone = module.training_step((views, [target], None), 0)
+    module.singles_weight = 0.5
+    loss = module.training_step((views, [target], (singles, labels)), 0)
+    expected = JointLoss()(model.segment(singles), labels, singles.depth_range)
+    assert set(expected) == {"loss", "segmentation"}
+    torch.testing.assert_close(loss, alone + 0.5 * expected["loss"])
+    torch.testing.assert_close(logged["train/singles"], expected["loss"])
 
 
 class Knows(torch.nn.Module):

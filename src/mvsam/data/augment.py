@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mvsam.data.transforms import crop_to_window
 from mvsam.types import Frame
 
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -29,6 +30,41 @@ def mirrored(frame: Frame) -> Frame:
         load_depth=None if load_depth is None else lambda: _flipped(load_depth()),
         load_labels=None if load_labels is None else lambda: _flipped(load_labels()),
     )
+
+
+def random_part(frame: Frame, smallest: float, dice: np.random.Generator) -> Frame:
+    """A window of the frame anywhere in it, of its shape, as large as chance says.
+
+    smallest: of the window's sides, as a share of the frame's; 1 is the whole frame. Depth stays as
+    it is, as if the lens were longer.
+    """
+    share, across, down = dice.uniform(smallest, 1), dice.random(), dice.random()
+    width, height = (round(share * side) for side in frame.size)
+    corner = round(across * (frame.size[0] - width)), round(down * (frame.size[1] - height))
+    return crop_to_window(frame, corner, (width, height))
+
+
+def with_pose_noise(
+    frame: Frame, metres: float, degrees: float, dice: np.random.Generator
+) -> Frame:
+    """The frame with the pose that a tracker might have found for it.
+
+    metres, degrees: standard deviations along and about each of the camera's axes.
+    """
+    error = np.eye(4)
+    error[:3, :3] = rotation_by(np.radians(degrees) * dice.standard_normal(3))
+    error[:3, 3] = metres * dice.standard_normal(3)
+    return replace(frame, world_from_cam=frame.world_from_cam @ error)
+
+
+def rotation_by(axis_angle: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Rodrigues' formula; the vector's length is the angle, radians."""
+    angle = float(np.linalg.norm(axis_angle))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = axis_angle / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def _flipped(pixels: np.ndarray) -> np.ndarray:

@@ -4,14 +4,16 @@ from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from torch.utils.data import Dataset, Sampler
 
-from mvsam.data.augment import jitter_colors, mirrored
+from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import collate, make_targets, make_views
 from mvsam.data.sampling import view_tuples
+from mvsam.data.single_views import SingleViews, read_names
 from mvsam.data.transforms import crop_to_shape
 from mvsam.errors import InputError
 from mvsam.types import Scene, Targets, Views
@@ -27,6 +29,9 @@ class DataConfig:
     """Scenes to watch while training."""
     num_views: int = 3
     """The paper's M."""
+    fewest_views: int | None = None
+    """From step to step the number of views changes, drawn evenly from these to `num_views`; none:
+    always `num_views`."""
     references: int = 1
     """How many views of each tuple serve as reference in turn; they share their features
     ("we repeat this M times", Sec. 3)."""
@@ -40,6 +45,12 @@ class DataConfig:
     give it the pictures of `size`, enlarged (none)."""
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres."""
+    farthest: tuple[float, float] | None = None
+    """Metres; the end of the depth range is drawn anew for each sample between these, evenly in its
+    logarithm; none: that of `depth_range`. Deeper pixels teach no depth."""
+    pose_noise: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of errors that are added to every view's pose: metres along each axis,
+    degrees about each axis. Depth stays that of the true camera."""
     room_frames: int = 5
     """Frames rendered of each procedural room to train on, at `semantic_size` or else `size`; at
     least `num_views`."""
@@ -49,25 +60,46 @@ class DataConfig:
     """Show every other sample, drawn at random, as in a mirror (all its views, exact cameras)."""
     color_jitter: float = 0.0
     """Spread of the exposure, colour and contrast drawn anew for each view (0.2 is moderate)."""
+    singles: str | None = None
+    """Folder of labelled photos without poses (`single_views`); each teaches labels alone, prompted
+    with its measured depth. None: rooms alone."""
+    singles_per_sample: int = 1
+    """How many of them come with each sample of `train`."""
+    singles_without: tuple[str, ...] = ()
+    """Lists of photos that are never shown: text files, or nyuv2_heldout and nyuv2_posed, which
+    come with the package."""
+    singles_part: float = 0.6
+    """Smallest share of a photo's sides that is cut out anew each time; 1: the whole photo."""
     workers: int = 1
     """Processes that load or render data, for each training process."""
 
 
-TrainingSample = tuple[Views, list[Targets]]
-"""Views of a batch, and the targets of view 0, 1, ... as reference."""
+class TrainingSample(NamedTuple):
+    """A batch of one of `train`, or of several."""
+
+    views: Views
+    targets: list[Targets]
+    """Of view 0, 1, ... as reference."""
+    singles: tuple[Views, Targets] | None = None
+    """Labelled photos that belong to no tuple, `singles_per_sample` for each item of `views`; one
+    view each, with its measured depth."""
 
 
 class SampleStream(Dataset[TrainingSample]):
-    """Sample n: a scene of the n-th place in endlessly reshuffled order, a random tuple of it."""
+    """Sample n: a scene of the n-th place in endlessly reshuffled order, a random tuple of it.
 
-    def __init__(self, config: DataConfig, seed: int):
-        self.config, self.seed = config, seed
+    batch_size: of so many samples in a row all have equally many views, as a step's must.
+    """
+
+    def __init__(self, config: DataConfig, seed: int, batch_size: int = 1):
+        self.config, self.seed, self.batch_size = config, seed, batch_size
         self.scenes: Sequence[Scene] = open_data(
             config.train,
             room_frames=config.room_frames,
             room_size=config.semantic_size or config.size,
             cache=config.cache,
         )
+        self._singles = None if config.singles is None else SingleStream(config, seed)
         self._tuples: dict[int, list[tuple[int, ...]]] = {}
 
     def __getitem__(self, n: int) -> TrainingSample:
@@ -76,18 +108,29 @@ class SampleStream(Dataset[TrainingSample]):
         scene, config = self.scenes[index], self.config
         tuples = self._full_tuples(index, scene)
         dice = np.random.default_rng((self.seed, n))
-        frames = [scene.frame(index) for index in tuples[dice.integers(len(tuples))]]
+        chosen = tuples[dice.integers(len(tuples))][: self._num_views(n)]
+        frames = [scene.frame(index) for index in chosen]
         if config.crop:
             frames = [crop_to_shape(frame, config.size) for frame in frames]
         if config.mirror and dice.random() < 0.5:
             frames = [mirrored(frame) for frame in frames]
-        views = make_views(frames, config.size, config.depth_range, config.semantic_size)
+        if any(config.pose_noise):
+            frames = [with_pose_noise(frame, *config.pose_noise, dice) for frame in frames]
+        depth_range = _drawn_range(config, dice)
+        views = make_views(frames, config.size, depth_range, config.semantic_size)
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
         if config.references > 1:  # measured depth belongs to view 0 alone
             views = replace(views, measured_depth=None)
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
-        return views, targets
+        singles = None if self._singles is None else self._singles[n]
+        return TrainingSample(views, targets, singles)
+
+    def _num_views(self, n: int) -> int:
+        if self.config.fewest_views is None:
+            return self.config.num_views
+        dice = np.random.default_rng((self.seed, n // self.batch_size, 3))
+        return int(dice.integers(self.config.fewest_views, self.config.num_views + 1))
 
     def _full_tuples(self, index: int, scene: Scene) -> list[tuple[int, ...]]:
         """Those with as many views as are asked for, so that samples fit into one batch."""
@@ -103,6 +146,40 @@ class SampleStream(Dataset[TrainingSample]):
         return self._tuples[index]
 
 
+class SingleStream(Dataset[tuple[Views, Targets]]):
+    """Item n: the labelled photos of sample n, in endlessly reshuffled order, parts of them."""
+
+    def __init__(self, config: DataConfig, seed: int):
+        assert config.singles is not None
+        self.config, self.seed = config, seed
+        without = [name for names in config.singles_without for name in read_names(names)]
+        self.frames = SingleViews(config.singles, without)
+
+    def __getitem__(self, n: int) -> tuple[Views, Targets]:
+        count = self.config.singles_per_sample
+        places = range(n * count, (n + 1) * count)
+        return collate([("", *self._photo(place)) for place in places])[1:]
+
+    def _photo(self, place: int) -> tuple[Views, Targets]:
+        epoch, position = divmod(place, len(self.frames))
+        frame = self.frames[_permutation(self.seed, epoch, len(self.frames))[position]]
+        config, dice = self.config, np.random.default_rng((self.seed, place, 2))
+        frame = random_part(frame, config.singles_part, dice)
+        if config.mirror and dice.random() < 0.5:
+            frame = mirrored(frame)
+        depth_range = _drawn_range(config, dice)
+        views = make_views([frame], config.size, depth_range, config.semantic_size)
+        if config.color_jitter:
+            views = _recoloured(views, config.color_jitter, dice)
+        return views, make_targets(frame, config.size)
+
+
+def _drawn_range(config: DataConfig, dice: np.random.Generator) -> tuple[float, float]:
+    if config.farthest is None:
+        return config.depth_range
+    return config.depth_range[0], float(np.exp(dice.uniform(*np.log(config.farthest))))
+
+
 def _recoloured(views: Views, strength: float, dice: np.random.Generator) -> Views:
     """The same new colours for both sizes of the pictures."""
     images, semantic, again = views.images[0], views.semantic_images, deepcopy(dice)
@@ -112,7 +189,7 @@ def _recoloured(views: Views, strength: float, dice: np.random.Generator) -> Vie
     return replace(views, images=images, semantic_images=semantic)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _permutation(seed: int, epoch: int, count: int) -> np.ndarray:
     return np.random.default_rng((seed, epoch, 1)).permutation(count)
 
@@ -135,9 +212,10 @@ class Onward(Sampler[int]):
 
 def collate_training(samples: Sequence[TrainingSample]) -> TrainingSample:
     """One batch from samples of equal size."""
-    views = collate([("", views, targets[0]) for views, targets in samples])[1]
+    views = collate([("", sample.views, sample.targets[0]) for sample in samples])[1]
     targets = [
-        collate([("", views, targets[reference]) for views, targets in samples])[2]
-        for reference in range(len(samples[0][1]))
+        collate([("", sample.views, sample.targets[reference]) for sample in samples])[2]
+        for reference in range(len(samples[0].targets))
     ]
-    return views, targets
+    singles = [("", *sample.singles) for sample in samples if sample.singles is not None]
+    return TrainingSample(views, targets, collate(singles)[1:] if singles else None)

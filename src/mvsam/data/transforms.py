@@ -80,15 +80,21 @@ def crop_to_shape(frame: Frame, size: Size) -> Frame:
     width, height = frame.size
     new_width = min(width, round(height * size[0] / size[1]))
     new_height = min(height, round(width * size[1] / size[0]))
-    left, top = (width - new_width) // 2, (height - new_height) // 2
-    rows, columns = slice(top, top + new_height), slice(left, left + new_width)
+    corner = (width - new_width) // 2, (height - new_height) // 2
+    return crop_to_window(frame, corner, (new_width, new_height))
+
+
+def crop_to_window(frame: Frame, corner: tuple[int, int], size: Size) -> Frame:
+    """The part of a frame that begins at `corner` (left, top) and is `size` large, pixels."""
+    (left, top), (width, height) = corner, size
+    rows, columns = slice(top, top + height), slice(left, left + width)
 
     def part(load: Callable[[], np.ndarray]) -> Callable[[], np.ndarray]:
         return lambda: load()[rows, columns]
 
     return replace(
         frame,
-        size=(new_width, new_height),
+        size=size,
         intrinsics=frame.intrinsics - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]]),
         load_image=part(frame.load_image),
         load_depth=part(frame.load_depth) if frame.load_depth else None,

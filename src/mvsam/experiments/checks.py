@@ -8,6 +8,7 @@ from mvsam.data.catalog import open_data
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment
+from mvsam.types import Model
 
 log = logging.getLogger("mvsam")
 
@@ -29,10 +30,35 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
             f"run {experiment.name}: --model.feature-cache keeps features of pictures that come "
             "again, and --data.mirror and --data.color-jitter change them; leave one of them out."
         )
-    if experiment.data.references > experiment.data.num_views:
+    views = experiment.data.fewest_views or experiment.data.num_views
+    if experiment.data.references > views:
         raise InputError(
             f"run {experiment.name}: {experiment.data.references} references of "
-            f"{experiment.data.num_views} views; at most every view can serve once."
+            f"{views} views; at most every view can serve once."
+        )
+    if views > experiment.data.num_views:
+        raise InputError(
+            f"run {experiment.name}: fewest {views} of {experiment.data.num_views} views; lower "
+            "--data.fewest-views."
+        )
+
+
+def check_model(experiment: Experiment, model: Model) -> None:
+    """InputError where the data hold labelled single photos and the model cannot learn from them.
+
+    It has to label a picture without predicting its depth.
+    """
+    if experiment.data.singles is None:
+        return
+    if getattr(model, "decoder", None) is None:
+        raise InputError(
+            f"run {experiment.name}: {experiment.model.name} cannot label single photos prompted "
+            "with measured depth; leave --data.singles out."
+        )
+    if model.num_classes != len(SCANNET20):
+        raise InputError(
+            f"run {experiment.name}: --data.singles have the {len(SCANNET20)} ScanNet classes, the "
+            f"model has {model.num_classes}; leave --data.singles out."
         )
 
 

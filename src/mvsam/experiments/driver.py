@@ -20,7 +20,7 @@ from mvsam.data.labels import SCANNET20
 from mvsam.encoders.attention import use_plain_attention
 from mvsam.encoders.sam import cache_frozen_features
 from mvsam.errors import InputError
-from mvsam.experiments.checks import check_settings, classes_of, warn_of_changes
+from mvsam.experiments.checks import check_model, check_settings, classes_of, warn_of_changes
 from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.loaders import ExperimentData
 from mvsam.experiments.pictures import ValidationPictures
@@ -75,10 +75,15 @@ def train(
         model = initial_model(replace(experiment.model, init=(), sam_checkpoint=None), device)
     else:
         model = initial_model(experiment.model, device)
+    check_model(experiment, model)
     model.semantic_size = experiment.data.semantic_size
     rank_zero_only(experiment.save)(folder / RUN_PAGE, classes)
     module = TrainingModule(
-        model, experiment.loss, experiment.optimizer, experiment.data.depth_range
+        model,
+        experiment.loss,
+        experiment.optimizer,
+        experiment.data.depth_range,
+        experiment.train.singles_weight,
     )
     stop = SafeStop(folder / LAST)
     callbacks = [stop, Throughput(), LearningRateMonitor("step"), ValidationPictures(classes)]

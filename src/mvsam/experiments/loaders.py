@@ -26,7 +26,7 @@ class ExperimentData(LightningDataModule):
         assert self.trainer is not None
         share = train.batch_size // self.num_processes
         return DataLoader(
-            SampleStream(data, train.seed),
+            SampleStream(data, train.seed, train.batch_size),
             batch_size=share,
             sampler=Onward(self.next_sample + self.trainer.global_rank, self.num_processes),
             num_workers=data.workers,

@@ -30,6 +30,14 @@ _SINGLE = replace(
 )
 """Many rooms, a picture of each: labels are limited by the number of rooms seen."""
 
+_NYU = replace(
+    _ROOMS,
+    singles="../shared/data/nyuv2_train",
+    singles_per_sample=2,
+    singles_without=("nyuv2_heldout", "nyuv2_posed"),
+)
+"""Two labelled photos beside three references; those on which we score are left out."""
+
 _CLASS_WEIGHTS = (
     0.44, 0.66, 1.03, 1.78, 1.52, 1.62, 1.71, 0.98, 1.21, 1.98,
     2.16, 2.61, 2.15, 1.31, 1.69, 1.57, 3.44, 3.45, 2.38, 2.05,
@@ -71,6 +79,16 @@ _RUNS = (
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=3e-4, steps=100, gradient_clip=1.0),
         train=TrainConfig(batch_size=4, val_every=50, checkpoint_every=20),
+    ),
+    Experiment(
+        name="tiny_nyu",
+        about="`tiny` fine-tuned with the labels of NYUv2's training photos beside the rooms, "
+        "which keep its depth; research terms. Not run yet.",
+        model=ModelConfig("tiny", init=("runs/tiny/model.safetensors",)),
+        data=_NYU,
+        loss=_LOSS,
+        optimizer=OptimizerConfig(lr=3e-4, steps=600, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=150, checkpoint_every=20, singles_weight=2.0),
     ),
     replace(
         _TINY_HALF,

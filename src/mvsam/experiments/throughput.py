@@ -6,7 +6,7 @@ from collections import deque
 from lightning import Callback, LightningModule, Trainer
 
 from mvsam.memory import peak_memory
-from mvsam.types import Targets, Views
+from mvsam.training.module import Batch
 
 STEPS = 20
 """The latest steps, over which speed is a mean."""
@@ -28,7 +28,7 @@ class Throughput(Callback):
         trainer: Trainer,
         pl_module: LightningModule,
         outputs,
-        batch: tuple[Views, list[Targets]],
+        batch: Batch,
         batch_idx: int,
     ) -> None:
         now = time.perf_counter()

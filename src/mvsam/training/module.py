@@ -12,6 +12,9 @@ from mvsam.loss_terms import Loss
 from mvsam.training.optim import OptimizerConfig, make_optimizer
 from mvsam.types import Prediction, Targets, Views
 
+Batch = tuple[Views, list[Targets], tuple[Views, Targets] | None]
+"""Views, the targets of view 0, 1, ... as reference, and single photos with their labels."""
+
 
 @dataclass(frozen=True)
 class TrainConfig:
@@ -29,6 +32,9 @@ class TrainConfig:
     """Steps between looks at the validation scenes."""
     checkpoint_every: int = 250
     """Steps between checkpoints a killed run can go on from."""
+    singles_weight: float = 1.0
+    """Weight of the labelled single photos' loss beside that of the tuples (`DataConfig.singles`).
+    """
 
 
 class TrainingModule(LightningModule):
@@ -40,16 +46,18 @@ class TrainingModule(LightningModule):
         loss: Loss,
         optimizer: OptimizerConfig,
         depth_range: tuple[float, float],
+        singles_weight: float = 1.0,
     ):
         super().__init__()
         self.model = model
         self.loss = loss
         self.optimizer_config = optimizer
         self.depth_range = depth_range
+        self.singles_weight = singles_weight
 
-    def training_step(self, batch: tuple[Views, list[Targets]], batch_index: int) -> Tensor:
-        """Mean of the loss over the references of the sample."""
-        views, targets = batch
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """Mean of the loss over the references of the sample, plus that of its single photos."""
+        views, targets, singles = batch
         losses = [
             self.loss(prediction, target, views.depth_range)
             for prediction, target in zip(
@@ -59,7 +67,17 @@ class TrainingModule(LightningModule):
         for name in losses[0]:
             mean = torch.stack([parts[name] for parts in losses]).mean()
             self.log(f"train/{name}", mean, prog_bar=True)
-        return torch.stack([parts["loss"] for parts in losses]).mean()
+        loss = torch.stack([parts["loss"] for parts in losses]).mean()
+        if singles is None:
+            return loss
+        return loss + self.singles_weight * self._loss_of_singles(*singles)
+
+    def _loss_of_singles(self, views: Views, targets: Targets) -> Tensor:
+        """Of their labels alone; measured depth is the decoder's prompt."""
+        prediction = self.model.segment(views)  # pyright: ignore[reportCallIssue]
+        loss = self.loss(prediction, targets, views.depth_range)["loss"]
+        self.log("train/singles", loss, prog_bar=True)
+        return loss
 
     def on_validation_epoch_start(self) -> None:
         self.scores: dict[str, SceneScores] = {}
