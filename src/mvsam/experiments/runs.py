@@ -19,6 +19,14 @@ _ROOMS = DataConfig(
 )
 _HALF = replace(_ROOMS, size=(160, 128), semantic_size=(320, 256))
 """SAM sees the pictures at full size, which costs it nothing, and all else is half as large."""
+_FULL = replace(
+    _ROOMS,
+    train="rooms:train:0-1500",
+    references=1,
+    farthest=(4.0, 7.0),
+    pose_noise=(0.002, 0.05),
+)
+"""One reference a sample: at full size the cascade costs most, and other rooms teach more."""
 _SINGLE = replace(
     _HALF,
     train="rooms:train:6000-30000",
@@ -32,7 +40,7 @@ _SINGLE = replace(
 
 _NYU = replace(
     _ROOMS,
-    singles="../shared/data/nyuv2_train",
+    singles="nyuv2_train",
     singles_per_sample=2,
     singles_without=("nyuv2_heldout", "nyuv2_posed"),
 )
@@ -75,10 +83,10 @@ _RUNS = (
         name="tiny",
         about="Third stage of `tiny`, at the size it is used at.",
         model=ModelConfig("tiny", init=("runs/tiny_half/model.safetensors",)),
-        data=_ROOMS,
+        data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=3e-4, steps=100, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=50, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=4e-4, steps=600, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=150, checkpoint_every=20),
     ),
     Experiment(
         name="tiny_nyu",
