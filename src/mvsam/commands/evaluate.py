@@ -47,9 +47,14 @@ class Evaluate:
     scale: float = 1.0
     """Metres that one unit of the poses has."""
     protocol: str = "paper"
-    """Which pixels count, at which size: paper or real."""
+    """Which pixels count, at which size. paper: 320x256, truth in [0.1, 5] m. mvs2d: MVS2D's own,
+    640x480 and (0.5, 10) m, searching 0.3 to 10.1 m. scannet-2d: the 2D benchmark's labels at
+    640x480. real: as paper, at most 24 view tuples a scene."""
     views: int | None = None
     """Photos that are looked at together; the protocol's number where it is not given."""
+    depth_range: tuple[float, float] | None = None
+    """Metres between which the network looks for surfaces; the protocol's where it is not given.
+    Which pixels count stays the protocol's."""
     limit: int | None = None
     """At most so many view tuples altogether, evenly spaced."""
     json: Json = False
@@ -91,9 +96,10 @@ class Evaluate:
             open_data(self.data, self.format, scale=self.scale),
             num_views=self.views or protocol.num_views,
             size=protocol.size,
-            depth_range=protocol.depth_range,
+            depth_range=self.depth_range or protocol.search_range or protocol.depth_range,
             tuples_per_scene=protocol.tuples_per_scene,
             semantic_size=model.semantic_size,
+            truth_size=protocol.truth_size,
         )
         for name in samples.skipped:
             log.warning("%s: no other photo overlaps it; it is skipped.", name)
