@@ -32,6 +32,8 @@ class Check:
     """The folder's format; none: found from its files."""
     scale: float = 1.0
     """Metres that one unit of the poses has."""
+    poses: Literal["given", "colmap"] = "given"
+    """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
     json: Json = False
 
     def run(self) -> None:
@@ -40,7 +42,7 @@ class Check:
 
         reports = [
             report_scene(scene, self.depth_range)
-            for scene in open_data(self.scene, self.format, scale=self.scale)
+            for scene in open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         ]
         if self.json:
             print_json(
@@ -67,6 +69,8 @@ class Convert:
     """The folder's format; none: found from its files."""
     scale: float = 1.0
     """Metres that one unit of the poses has."""
+    poses: Literal["given", "colmap"] = "given"
+    """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
 
     def run(self) -> None:
         from mvsam.data.catalog import open_data
@@ -74,7 +78,7 @@ class Convert:
         from mvsam.files import writable_folder
 
         write = {"posed-folder": write_posed_folder, "nerfstudio": write_nerfstudio}[self.to]
-        scenes = open_data(self.scene, self.format, scale=self.scale)
+        scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         if self.out.resolve() == Path(self.scene).resolve():
             raise InputError(f"{self.out}: is the scene itself; give another folder as --out.")
         writable_folder(self.out)

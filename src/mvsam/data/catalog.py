@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from mvsam.data.cache import cached_scene
-from mvsam.data.formats import find_format, open_scene
+from mvsam.data.formats import Poses, find_format, open_scene
 from mvsam.errors import InputError
 from mvsam.types import Scene
 
@@ -18,6 +18,7 @@ def open_data(
     room_size: tuple[int, int] = (320, 256),
     cache: str | None = None,
     scale: float = 1.0,
+    poses: Poses = "given",
 ) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
@@ -25,14 +26,14 @@ def open_data(
     folders, which come sorted by name. `room_frames` is the number of frames of each room,
     `room_size` their (width, height); rooms are rendered once where `cache` names a folder to keep
     them in (other data lie on a disk already). `scale` is how many metres one unit of a path's
-    poses has.
+    poses has; `poses` as `open_scene`.
     """
     if name.startswith("rooms:"):
         return _open_rooms(name, room_frames, room_size, cache)
     path = Path(name)
-    if format is None and path.is_dir() and (folders := scene_folders(path)):
+    if format is None and poses == "given" and path.is_dir() and (folders := scene_folders(path)):
         return [open_scene(folder, scale=scale) for folder in folders]
-    return [open_scene(path, format, scale)]
+    return [open_scene(path, format, scale, poses)]
 
 
 def scene_folders(path: Path) -> list[Path]:

@@ -7,7 +7,6 @@ pictures hold NYU40 ids already.
 import io
 import logging
 import zipfile
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from PIL import Image
 
 from mvsam.data.files import check_photo, load_depth, load_matrix, load_photo, load_pixels
 from mvsam.data.nyu40 import find_tsv, from_nyu40, from_raw
-from mvsam.data.readers.listed import ListedScene, checked
+from mvsam.data.readers.listed import ListedScene, checked, numbered_files
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.register import read_at_pixels
 from mvsam.data.transforms import resize_nearest
@@ -60,11 +59,11 @@ def is_scannet_folder(path: Path) -> bool:
 
 def open_scannet_folder(path: Path) -> ListedScene:
     """An exported scan: color/, pose/, depth/, and label-filt/ or label/, files by frame number."""
-    photos = sorted(_numbered(path / "color", (".jpg", ".png")).items())
-    poses = _numbered(path / "pose", (".txt",))
-    depths = _numbered(path / "depth", (".png",))
+    photos = sorted(numbered_files(path / "color", (".jpg", ".png")).items())
+    poses = numbered_files(path / "pose", (".txt",))
+    depths = numbered_files(path / "depth", (".png",))
     label_folder = path / "label-filt" if (path / "label-filt").is_dir() else path / "label"
-    labels = _numbered(label_folder, (".png",))
+    labels = numbered_files(label_folder, (".png",))
     color, depth = _matrix(path, "color"), _matrix(path, "depth") if depths else None
     frames = []
     for number, photo in photos:
@@ -104,16 +103,6 @@ def _matrix(path: Path, camera: str) -> Float[np.ndarray, "3 3"]:
     raise InputError(
         f"{path}: neither {places[0].relative_to(path)} nor {places[1].name} is there."
     )
-
-
-def _numbered(folder: Path, suffixes: Sequence[str]) -> dict[int, Path]:
-    files: dict[int, Path] = {}
-    for file in sorted(folder.iterdir()) if folder.is_dir() else []:
-        if file.suffix.lower() in suffixes and file.stem.isdecimal():
-            if int(file.stem) in files:
-                raise InputError(f"{file}: there are two files of frame {int(file.stem)}.")
-            files[int(file.stem)] = file
-    return files
 
 
 def _load_depth(
