@@ -224,7 +224,7 @@ def write_arkitscenes(frames: Sequence[Frame], path: Path) -> None:
         pose = np.linalg.inv(frame.world_from_cam)
         *axis, cosine = quaternion(pose[:3, :3])
         sine = float(np.linalg.norm(axis))
-        vector = 2 * np.arctan2(sine, cosine) * np.array(axis) / sine
+        vector = 2 * np.arctan2(sine, cosine) * np.array(axis) / max(sine, 1e-12)
         values = " ".join(f"{value:.9f}" for value in (*vector, *pose[:3, 3]))
         lines.append(f"{4300.001 + number / 60:.6f} {values}")
     write_lines(folder / "lowres_wide.traj", lines)
