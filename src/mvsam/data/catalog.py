@@ -1,4 +1,4 @@
-"""Data by name: `rooms:val`, a scene folder, or a folder of scene folders."""
+"""Data by name: `rooms:val`, a scene folder, a folder of scene folders, or a list of scenes."""
 
 import re
 from collections.abc import Sequence
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mvsam.data.cache import cached_scene
 from mvsam.data.formats import Poses, find_format, open_scene
+from mvsam.data.splits import is_scene_list, listed_scenes
 from mvsam.errors import InputError
 from mvsam.types import Scene
 
@@ -22,15 +23,17 @@ def open_data(
 ) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
-    The end of a part is left out, as in Python's slices. A path is a scene, or a folder of scene
-    folders, which come sorted by name. `room_frames` is the number of frames of each room,
-    `room_size` their (width, height); rooms are rendered once where `cache` names a folder to keep
-    them in (other data lie on a disk already). `scale` is how many metres one unit of a path's
-    poses has; `poses` as `open_scene`.
+    The end of a part is left out, as in Python's slices. A path is a scene, a folder of scene
+    folders, which come sorted by name, or a list of scenes, as ScanNet's scannetv2_val.txt.
+    `room_frames` is the number of frames of each room, `room_size` their (width, height); rooms
+    are rendered once where `cache` names a folder to keep them in (other data lie on a disk
+    already). `scale` is how many metres one unit of a path's poses has; `poses` as `open_scene`.
     """
     if name.startswith("rooms:"):
         return _open_rooms(name, room_frames, room_size, cache)
     path = Path(name)
+    if is_scene_list(name) and not path.is_dir():
+        return [open_scene(folder, format, scale) for folder in listed_scenes(path)]
     if format is None and poses == "given" and path.is_dir() and (folders := scene_folders(path)):
         return [open_scene(folder, scale=scale) for folder in folders]
     return [open_scene(path, format, scale, poses)]
