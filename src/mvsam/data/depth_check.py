@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.pose_check import AS_GIVEN, MAXIMUM_FRAMES, READINGS
+from mvsam.data.registration_check import BESIDE, is_unregistered
 from mvsam.data.transforms import resize_intrinsics, resize_nearest
 from mvsam.types import Frame
 
@@ -26,6 +27,8 @@ NUM_REFERENCES = 6
 FEWEST_FRAMES = 3
 FITS, FAILS = 0.5, 0.3
 """Agreement from which on cameras fit the depth, and below which nothing fits."""
+LEAST_STEP, LARGEST_STEP = 0.003, 10.0
+"""Metres between neighbouring frames in a recording."""
 MARGIN = 0.08
 """Of agreement, by which another reading must beat the given one to be believed."""
 
@@ -51,6 +54,18 @@ def _turned_back(poses: np.ndarray) -> np.ndarray:
     return result
 
 
+def _about_the_axis(quarters: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Poses of cameras turned clockwise about their optical axes."""
+    turn = np.eye(4)
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    turn[:2, :2] = np.linalg.matrix_power(quarter, quarters)
+    return lambda poses: poses @ turn
+
+
+UNREGISTERED = (
+    "do not belong to the depth, which is not registered to the photos but fits a depth camera of "
+    "1.12 times their focal length 2 cm beside, as a Kinect's; register it"
+)
 HALF_SIZE = "have intrinsics for photos of half the size; double their first two rows"
 DOUBLE_SIZE = "have intrinsics for photos of twice the size; halve their first two rows"
 ALL_READINGS = (
@@ -61,6 +76,13 @@ ALL_READINGS = (
     Reading("have translations in kilometres; multiply them by 1000", _moved(1e3)),
     Reading(HALF_SIZE, intrinsics_factor=2.0),
     Reading(DOUBLE_SIZE, intrinsics_factor=0.5),
+    Reading(UNREGISTERED, lambda poses: poses @ BESIDE.color_from_depth, BESIDE.focal_factor),
+    *(
+        Reading(
+            f"are for photos turned by {angle} degrees; turn the photos back", _about_the_axis(n)
+        )
+        for n, angle in ((1, "90"), (2, "180"), (3, "270"))
+    ),
 )
 
 
@@ -83,21 +105,36 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
         few = f"{len(with_depth)} frames with depth are not enough to judge the cameras by."
         return Verdict(None, few, {})
     pairs = _pairs(with_depth, depth_range)
-    scores = {r.remedy: _agreement(with_depth, pairs, r) for r in ALL_READINGS}
+    readings = [r for r in ALL_READINGS if r.remedy == AS_GIVEN or _is_plausible(with_depth, r)]
+    scores = {r.remedy: _agreement(with_depth, pairs, r) for r in readings}
     best = max(scores, key=lambda remedy: scores[remedy])
     given = scores[AS_GIVEN]
     if scores[best] < FAILS:
         sentence = f"no convention fits: at best {scores[best]:.0%} of the surfaces meet."
         return Verdict(False, f"{sentence} Are the poses those of these photos?", scores)
-    if scores[best] - given > MARGIN:
+    if scores[best] >= FITS and scores[best] - given > MARGIN:
         sentence = f"the cameras {best} ({scores[best]:.0%} of the surfaces then meet, not "
         return Verdict(False, f"{sentence}{given:.0%}).", scores)
     if given < FITS:
-        weak = f"only {given:.0%} of the surfaces meet, under any other convention no more."
+        weak = (
+            f"only {given:.0%} of the surfaces meet, and no other convention fits clearly better."
+        )
         return Verdict(None, f"the depth does not tell whether the cameras fit: {weak}", scores)
+    if is_unregistered(with_depth, pairs):
+        return Verdict(False, f"the cameras {UNREGISTERED} (the photos then match better).", scores)
     others = [score for remedy, score in scores.items() if remedy != AS_GIVEN]
     sentence = f"the cameras fit the depth: {given:.0%} of the surfaces meet"
     return Verdict(True, f"{sentence} (at most {max(others):.0%} otherwise).", scores)
+
+
+def _is_plausible(frames: Sequence[Frame], reading: Reading) -> bool:
+    """Whether cameras then step as hands and robots do.
+
+    Without this, dividing translations by 1000 would often fit: it leaves the rotation alone.
+    """
+    poses = reading.poses(np.stack([frame.world_from_cam for frame in frames]))
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    return LEAST_STEP <= float(np.median(steps)) <= LARGEST_STEP
 
 
 def _pairs(frames: Sequence[Frame], depth_range: DepthRange) -> list[tuple[int, int]]:

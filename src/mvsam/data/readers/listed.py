@@ -11,6 +11,9 @@ from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.errors import InputError
 from mvsam.types import Frame
 
+HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+"""From a calibration that counts pixel centres at integers to the corner convention."""
+
 
 class ListedScene:
     """A `Scene` of these frames. Raises `InputError` for none, or for two of one name."""
