@@ -158,7 +158,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="sequences whose path contains this")
     parser.add_argument("--out", type=Path, help="JSON file to write")
     arguments = parser.parse_args()
-    results = {}
+    record, results = provenance(), {}
     for path in sequences(arguments.data):
         name = str(path.relative_to(arguments.data))
         if arguments.only not in name or not has_poses(path):
@@ -170,7 +170,7 @@ def main() -> None:
     counts = count(results.values())
     print(counts)
     if arguments.out:
-        record = {**provenance(), "counts": counts, "sequences": results}
+        record |= {"counts": counts, "sequences": results}
         arguments.out.write_text(json.dumps(record, indent=2) + "\n")
 
 
