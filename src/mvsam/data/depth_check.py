@@ -39,7 +39,9 @@ class Reading:
 
     remedy: str
     poses: Callable[[np.ndarray], np.ndarray] = lambda poses: poses
-    intrinsics_factor: float = 1.0
+    size_factor: float = 1.0
+    """Of the photos that the intrinsics are meant for."""
+    focal_factor: float = 1.0
 
 
 def _moved(factor: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -74,9 +76,13 @@ ALL_READINGS = (
     Reading("have transposed rotations; transpose the upper left 3x3 of each", _turned_back),
     Reading("have translations in millimetres; divide them by 1000", _moved(1e-3)),
     Reading("have translations in kilometres; multiply them by 1000", _moved(1e3)),
-    Reading(HALF_SIZE, intrinsics_factor=2.0),
-    Reading(DOUBLE_SIZE, intrinsics_factor=0.5),
-    Reading(UNREGISTERED, lambda poses: poses @ BESIDE.color_from_depth, BESIDE.focal_factor),
+    Reading(HALF_SIZE, size_factor=2.0),
+    Reading(DOUBLE_SIZE, size_factor=0.5),
+    Reading(
+        UNREGISTERED,
+        lambda poses: poses @ BESIDE.color_from_depth,
+        focal_factor=BESIDE.focal_factor,
+    ),
     *(
         Reading(
             f"are for photos turned by {angle} degrees; turn the photos back", _about_the_axis(n)
@@ -156,22 +162,22 @@ def _agreement(
     for pair in pairs:
         here, there = (frames[index] for index in pair)
         poses = reading.poses(np.stack([here.world_from_cam, there.world_from_cam]))
-        scores.append(_meeting(here, there, poses, reading.intrinsics_factor))
+        scores.append(_meeting(here, there, poses, reading))
     better_half = sorted(scores, reverse=True)[: (len(scores) + 1) // 2]
     return float(np.mean(better_half)) if better_half else 0.0
 
 
-def _meeting(here: Frame, there: Frame, poses: Poses, factor: float) -> float:
+def _meeting(here: Frame, there: Frame, poses: Poses, reading: Reading) -> float:
     """Share of `here`'s surfaces, carried into `there`, that meet the surface measured there.
 
     Where less than a fifth of them comes into view, a fifth is what they are a share of.
     """
-    points, count = _points(here, factor)
+    points, count = _points(here, reading)
     there_from_here = np.linalg.inv(poses[1]) @ poses[0]
     moved = points @ there_from_here[:3, :3].T + there_from_here[:3, 3]
     z = moved[:, 2]
     ahead = z > 1e-3
-    projected = moved[ahead] @ _intrinsics(there, factor).T
+    projected = moved[ahead] @ _intrinsics(there, reading).T
     column, row = np.floor(projected[:, :2] / projected[:, 2:]).T
     inside = (column >= 0) & (column < SIZE[0]) & (row >= 0) & (row < SIZE[1])
     measured = _depth(there)[row[inside].astype(int), column[inside].astype(int)]
@@ -180,18 +186,19 @@ def _meeting(here: Frame, there: Frame, poses: Poses, factor: float) -> float:
     return float(met.sum() / max(known.sum(), 0.2 * count, 1))
 
 
-def _points(frame: Frame, factor: float) -> tuple[np.ndarray, int]:
+def _points(frame: Frame, reading: Reading) -> tuple[np.ndarray, int]:
     """Surface points in camera axes, and how many there are."""
     depth = _depth(frame)
     rows, columns = np.nonzero(depth > 0)
     pixels = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
-    rays = pixels @ np.linalg.inv(_intrinsics(frame, factor)).T
+    rays = pixels @ np.linalg.inv(_intrinsics(frame, reading)).T
     return rays * depth[rows, columns, None], len(rows)
 
 
-def _intrinsics(frame: Frame, factor: float) -> np.ndarray:
-    small = resize_intrinsics(frame.intrinsics, frame.size, SIZE)
-    return small * np.array([[factor], [factor], [1.0]])
+def _intrinsics(frame: Frame, reading: Reading) -> np.ndarray:
+    size, focal = reading.size_factor, reading.focal_factor
+    small = resize_intrinsics(frame.intrinsics, frame.size, SIZE) * [[size], [size], [1.0]]
+    return small * [[focal, 1, 1], [1, focal, 1], [1, 1, 1]]
 
 
 def _depth(frame: Frame) -> np.ndarray:

@@ -62,11 +62,10 @@ def open_colmap(path: Path) -> Scene:
     pycolmap = import_pycolmap()
     try:
         model = pycolmap.Reconstruction(str(folder))
-    except Exception as error:  # pycolmap raises many kinds for damaged files
+        posed = (image for image in model.images.values() if image.has_pose)
+        images = sorted(posed, key=lambda image: image.name)
+    except Exception as error:  # pycolmap raises many kinds for damaged files, for names too
         raise InputError(f"{folder}: COLMAP cannot read this model ({error}).") from error
-    images = sorted(
-        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
-    )
     photos = _photo_folder(path, folder, [image.name for image in images])
     depths = _depth_files(photos, [image.name for image in images])
     frames = [
