@@ -78,3 +78,33 @@ def test_rooms_are_rendered_once_where_a_cache_is_given(tmp_path, monkeypatch):
     for scene in (first, rooms_in(str(tmp_path))[0]):
         assert scene.name == truth.name and scene.views() == truth.views()
         np.testing.assert_array_equal(scene.frame(1).image, image)
+
+
+def test_a_list_of_scenes_opens_them_in_its_order(tmp_path):
+    for name in ("scene0011_00", "scene0015_00"):
+        write_posed_folder(tmp_path / "scans" / name)
+    (tmp_path / "scannetv2_val.txt").write_text("scene0015_00\nscene0011_00\n")
+    scenes = open_data(str(tmp_path / "scannetv2_val.txt"))
+    assert [scene.name for scene in scenes] == ["scene0015_00", "scene0011_00"]
+
+
+def test_a_missing_official_list_says_where_it_is(tmp_path):
+    with pytest.raises(InputError, match=r"github\.com/ScanNet/ScanNet, in Tasks/Benchmark"):
+        open_data(str(tmp_path / "scannetv2_train.txt"))
+    with pytest.raises(InputError, match="write one with a scene's name a line"):
+        open_data(str(tmp_path / "mine.txt"))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "expected one scene's name a line"),
+        ("../secret", "expected one scene's name a line"),
+        ("..", "expected one scene's name a line"),
+        ("scene0011_00 scene0015_00", "2 of its 2 scenes are not beside it"),
+    ],
+)
+def test_a_list_that_cannot_be_followed_is_explained(tmp_path, text, reason):
+    (tmp_path / "scannetv2_val.txt").write_text(text)
+    with pytest.raises(InputError, match=reason):
+        open_data(str(tmp_path / "scannetv2_val.txt"))

@@ -1,4 +1,4 @@
-import sys
+import importlib
 
 import numpy as np
 import pytest
@@ -105,7 +105,7 @@ def test_collate_stacks_samples_in_order(tmp_path, depth):
 
 
 def test_each_procedural_room_is_built_once(monkeypatch):
-    module, built = sys.modules["mvsam.rooms.scene"], []
+    module, built = importlib.import_module("mvsam.rooms.scene"), []
     build = module.build_room
     monkeypatch.setattr(module, "build_room", lambda dice: (built.append(1), build(dice))[1])
     rooms = open_data("rooms:val:50-56", room_frames=2, room_size=(32, 32))

@@ -46,3 +46,15 @@ def iou_of_class(predicted: np.ndarray, truth: np.ndarray, wanted: int) -> float
         misses += p != wanted and t == wanted
     union = hits + false_alarms + misses
     return hits / union if union else None
+
+
+def ause(predicted: np.ndarray, confidence: np.ndarray, truth: np.ndarray) -> float:
+    """Area between the mean Rel of the k most confident and of the k best pixels, k = 1 .. all."""
+    pixels = [
+        (abs(float(p) - float(t)) / float(t), float(c))
+        for p, c, t in zip(predicted.flat, confidence.flat, truth.flat, strict=True)
+    ]
+    by_confidence = [error for error, _ in sorted(pixels, key=lambda pixel: -pixel[1])]
+    by_error = sorted(error for error, _ in pixels)
+    gaps = [sum(by_confidence[:k]) / k - sum(by_error[:k]) / k for k in range(1, len(pixels) + 1)]
+    return sum(gaps) / len(gaps)

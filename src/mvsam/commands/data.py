@@ -1,7 +1,8 @@
-"""`mvsam data check` and `mvsam data convert`."""
+"""`mvsam data check`, `mvsam data convert` and `mvsam data scannet`."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -32,6 +33,8 @@ class Check:
     """The folder's format; none: found from its files."""
     scale: float = 1.0
     """Metres that one unit of the poses has."""
+    poses: Literal["given", "colmap"] = "given"
+    """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
     json: Json = False
 
     def run(self) -> None:
@@ -40,7 +43,7 @@ class Check:
 
         reports = [
             report_scene(scene, self.depth_range)
-            for scene in open_data(self.scene, self.format, scale=self.scale)
+            for scene in open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         ]
         if self.json:
             print_json(
@@ -67,6 +70,8 @@ class Convert:
     """The folder's format; none: found from its files."""
     scale: float = 1.0
     """Metres that one unit of the poses has."""
+    poses: Literal["given", "colmap"] = "given"
+    """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
 
     def run(self) -> None:
         from mvsam.data.catalog import open_data
@@ -74,7 +79,7 @@ class Convert:
         from mvsam.files import writable_folder
 
         write = {"posed-folder": write_posed_folder, "nerfstudio": write_nerfstudio}[self.to]
-        scenes = open_data(self.scene, self.format, scale=self.scale)
+        scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         if self.out.resolve() == Path(self.scene).resolve():
             raise InputError(f"{self.out}: is the scene itself; give another folder as --out.")
         writable_folder(self.out)
@@ -88,12 +93,60 @@ class Convert:
 
 
 @dataclass(frozen=True)
+class ScanNet:
+    """Frames of ScanNet's .sens files as folders of pictures, in several processes.
+
+    Frames that are there already are skipped, so a stopped run goes on with the same command.
+
+    Example: mvsam data scannet scans --out exported --every 20 --tuples mvs2d
+    """
+
+    scans: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCANS")]
+    """A scan's folder, a folder of such, or a list beside them (scannetv2_val.txt)."""
+    out: Path
+    """The new folder; each scan becomes a folder in it."""
+    every: int = 1
+    """Write every so many frames."""
+    size: tuple[int, int] | None = None
+    """Width and height of the photos; where it is not given, they are copied as they are."""
+    tuples: str | None = None
+    """Which frames go together, as in mvsam eval: mvs2d, every-100, keyframes or a file; written as
+    views.txt, so that training and prediction follow it too."""
+    views: int = 3
+    """Frames in each of these tuples."""
+    workers: int | None = None
+    """Processes; one a core where it is not given."""
+
+    def run(self) -> None:
+        from mvsam.data.scannet_export import copy_table, export, find_scans, plan, write_views
+        from mvsam.files import writable_folder
+
+        if self.every < 1:
+            raise InputError(f"--every {self.every} writes no frame; give 1 or more.")
+        scans = find_scans(self.scans)
+        writable_folder(self.out)
+        copy_table(scans[0], self.out)
+        with progress_bar() as progress:
+            for scan in scans:
+                folder = self.out / scan.name
+                jobs, done = plan(scan, folder, self.every, self.size)
+                total = done + sum(len(job.frames) for job in jobs)
+                task = progress.add_task(scan.name, total=total, completed=done)
+                for frames in export(jobs, self.workers or os.cpu_count() or 1):
+                    progress.advance(task, frames)
+                if self.tuples is not None:
+                    write_views(folder, self.tuples, self.views)
+        print(f"{len(scans)} scan{'s' if len(scans) > 1 else ''} in {self.out}")
+
+
+@dataclass(frozen=True)
 class Data:
     """Scenes on disk: look what is in them, whether their cameras can be right; convert them."""
 
     action: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Check, tyro.conf.subcommand("check")]
         | Annotated[Convert, tyro.conf.subcommand("convert")]
+        | Annotated[ScanNet, tyro.conf.subcommand("scannet")]
     ]
 
     def run(self) -> None:

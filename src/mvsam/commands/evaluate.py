@@ -41,15 +41,25 @@ class Evaluate:
     """Name with embedded weights, name of a finished run, path of a .safetensors or .ckpt file, or
     Hugging Face id."""
     data: str = "rooms:val"
-    """rooms:val, rooms:test, a part (rooms:val:0-10), or the path of one scene or of several."""
+    """rooms:val, rooms:test, a part (rooms:val:0-10), the path of one scene or of several, or of a
+    list of scenes beside them (scannetv2_val.txt)."""
     format: str | None = None
     """Format of a scene's folder; found from its files where it is not given."""
     scale: float = 1.0
     """Metres that one unit of the poses has."""
     protocol: str = "paper"
-    """Which pixels count, at which size: paper or real."""
+    """Which pixels count, at which size. paper: 320x256, truth in [0.1, 5] m. mvs2d: MVS2D's own,
+    640x480 and (0.5, 10) m, searching 0.3 to 10.1 m. scannet-2d: the 2D benchmark's labels at
+    640x480. real: as paper, at most 24 view tuples a scene."""
     views: int | None = None
     """Photos that are looked at together; the protocol's number where it is not given."""
+    tuples: str | None = None
+    """Which photos go together: mvs2d (every 20th frame and its neighbours), every-100 (references
+    as in ScanNet's 2D benchmark), keyframes, or a file (MVS2D's .npy); where it is not given, the
+    scene's own tuples, else those that overlap best."""
+    depth_range: tuple[float, float] | None = None
+    """Metres between which the network looks for surfaces; the protocol's where it is not given.
+    Which pixels count stays the protocol's."""
     limit: int | None = None
     """At most so many view tuples altogether, evenly spaced."""
     json: Json = False
@@ -86,14 +96,21 @@ class Evaluate:
     def _samples(self, protocol: Protocol, model: Model) -> TupleDataset:
         from mvsam.data.catalog import open_data
         from mvsam.data.dataset import TupleDataset
+        from mvsam.data.view_rules import prescribe
 
+        scenes = open_data(self.data, self.format, scale=self.scale)
+        num_views = self.views or protocol.num_views
+        depth_range = self.depth_range or protocol.search_range or protocol.depth_range
+        if self.tuples is not None:
+            scenes = prescribe(scenes, self.tuples, num_views, depth_range)
         samples = TupleDataset(
-            open_data(self.data, self.format, scale=self.scale),
-            num_views=self.views or protocol.num_views,
+            scenes,
+            num_views=num_views,
             size=protocol.size,
-            depth_range=protocol.depth_range,
+            depth_range=depth_range,
             tuples_per_scene=protocol.tuples_per_scene,
             semantic_size=model.semantic_size,
+            truth_size=protocol.truth_size,
         )
         for name in samples.skipped:
             log.warning("%s: no other photo overlaps it; it is skipped.", name)

@@ -41,6 +41,9 @@ class Predict:
     """Format of the scene; found from its files where it is not given."""
     scale: float = 1.0
     """Metres that one unit of the poses has; COLMAP's unit is arbitrary."""
+    poses: Literal["given", "colmap"] = "given"
+    """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes; their
+    scale is unknown unless --scale gives it."""
     save_npz: bool = False
     """Write depth/NAME.npz too: float32, metres."""
     overwrite: bool = False
@@ -63,7 +66,7 @@ class Predict:
         model = load_model(self.model, self.device)
         if self.feature_cache is not None:
             cache_frozen_features(model, self.feature_cache)
-        scenes = open_data(self.scene, self.format, scale=self.scale)
+        scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         for scene in scenes:
             out = self.out if len(scenes) == 1 else self.out / scene.name
             result = predict_with_bar(self, model, scene, out)

@@ -1,4 +1,4 @@
-"""Data by name: `rooms:val`, a scene folder, or a folder of scene folders."""
+"""Data by name: `rooms:val`, a scene folder, a folder of scene folders, or a list of scenes."""
 
 import re
 from collections.abc import Sequence
@@ -6,7 +6,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from mvsam.data.cache import cached_scene
-from mvsam.data.formats import find_format, open_scene
+from mvsam.data.formats import Poses, find_format, open_scene
+from mvsam.data.readers.single_views import SingleViews, is_single_views
+from mvsam.data.splits import is_scene_list, listed_scenes
 from mvsam.errors import InputError
 from mvsam.types import Scene
 
@@ -18,21 +20,30 @@ def open_data(
     room_size: tuple[int, int] = (320, 256),
     cache: str | None = None,
     scale: float = 1.0,
+    poses: Poses = "given",
 ) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
-    The end of a part is left out, as in Python's slices. A path is a scene, or a folder of scene
-    folders, which come sorted by name. `room_frames` is the number of frames of each room,
-    `room_size` their (width, height); rooms are rendered once where `cache` names a folder to keep
-    them in (other data lie on a disk already). `scale` is how many metres one unit of a path's
-    poses has.
+    The end of a part is left out, as in Python's slices. A path is a scene, a folder of scene
+    folders, which come sorted by name, or a list of scenes, as ScanNet's scannetv2_val.txt. A
+    folder of photos with depth or labels but without poses is a scene for each photo.
+    `room_frames` is the number of frames of each room, `room_size` their (width, height); rooms
+    are rendered once where `cache` names a folder to keep them in (other data lie on a disk
+    already). `scale` is how many metres one unit of a path's poses has; `poses` as `open_scene`.
     """
     if name.startswith("rooms:"):
         return _open_rooms(name, room_frames, room_size, cache)
     path = Path(name)
-    if format is None and path.is_dir() and (folders := scene_folders(path)):
-        return [open_scene(folder, scale=scale) for folder in folders]
-    return [open_scene(path, format, scale)]
+    if is_scene_list(name) and not path.is_dir():
+        return [open_scene(folder, format, scale) for folder in listed_scenes(path)]
+    if format is None and poses == "given" and path.is_dir():
+        return [s for folder in scene_folders(path) or [path] for s in _scenes_in(folder, scale)]
+    return [open_scene(path, format, scale, poses)]
+
+
+def _scenes_in(folder: Path, scale: float) -> Sequence[Scene]:
+    """One scene, or one for each photo of a folder without poses."""
+    return SingleViews(folder) if is_single_views(folder) else [open_scene(folder, scale=scale)]
 
 
 def scene_folders(path: Path) -> list[Path]:

@@ -76,7 +76,7 @@ class TupleDataset(Dataset[Sample]):
     `tuples_per_scene` keeps at most so many of each scene, evenly spaced. `skipped` lists the
     frames ("scene: name") that no other frame overlaps, for the caller to warn about. Scenes stay
     open, because a procedural room that was dropped would be built again (about 2 MB each).
-    semantic_size: as `make_views`.
+    semantic_size: as `make_views`. truth_size: of the ground truth; None: `size`.
     crop: the paper leaves open how 4:3 frames become 5:4 pictures. We chose to stretch the whole
     frame; True cuts it centrally to the shape of `size`, photos and ground truth alike.
     """
@@ -90,8 +90,10 @@ class TupleDataset(Dataset[Sample]):
         tuples_per_scene: int | None = None,
         semantic_size: Size | None = None,
         crop: bool = False,
+        truth_size: Size | None = None,
     ):
         self.scenes, self.size, self.depth_range = list(scenes), size, depth_range
+        self.truth_size = truth_size or size
         self.semantic_size, self.crop = semantic_size, crop
         self.skipped: list[str] = []
         self._items: list[tuple[int, tuple[int, ...]]] = []
@@ -112,7 +114,7 @@ class TupleDataset(Dataset[Sample]):
         return (
             scene.name,
             make_views(frames, self.size, self.depth_range, self.semantic_size),
-            make_targets(frames[0], self.size),
+            make_targets(frames[0], self.truth_size),
         )
 
 

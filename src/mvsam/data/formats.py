@@ -3,9 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from mvsam.data.posed_folder import PosedFolder, is_posed_folder
+from mvsam.data.readers.arkitscenes import is_arkitscenes, open_arkitscenes
 from mvsam.data.readers.colmap import is_colmap, open_colmap
+from mvsam.data.readers.icl_nuim import is_icl_nuim, open_icl_nuim
+from mvsam.data.readers.ios_logger import is_ios_logger, open_ios_logger
 from mvsam.data.readers.nerfstudio import is_nerfstudio, open_nerfstudio
 from mvsam.data.readers.replica import is_replica, open_replica
 from mvsam.data.readers.scannet import (
@@ -17,8 +21,12 @@ from mvsam.data.readers.scannet import (
 from mvsam.data.readers.seven_scenes import is_seven_scenes, open_seven_scenes
 from mvsam.data.readers.tum import is_tum, open_tum
 from mvsam.data.scaled import ScaledScene
+from mvsam.data.structure import photo_folder, pose_photos
+from mvsam.data.video import VIDEO_SUFFIXES
 from mvsam.errors import InputError
 from mvsam.types import Scene
+
+Poses = Literal["given", "colmap"]
 
 
 @dataclass(frozen=True)
@@ -38,30 +46,53 @@ FORMATS = {
     "colmap": Format(is_colmap, open_colmap),
     "tum": Format(is_tum, open_tum),
     "7-scenes": Format(is_seven_scenes, open_seven_scenes),
+    "icl-nuim": Format(is_icl_nuim, open_icl_nuim),
+    "ios-logger": Format(is_ios_logger, open_ios_logger),
+    "arkitscenes": Format(is_arkitscenes, open_arkitscenes),
     "replica": Format(is_replica, open_replica),
 }
 """By the name that `--format` takes; the first that matches a folder is taken."""
 
 
-def open_scene(path: str | Path, format: str | None = None, scale: float = 1.0) -> Scene:
+def open_scene(
+    path: str | Path, format: str | None = None, scale: float = 1.0, poses: Poses = "given"
+) -> Scene:
     """The scene stored at `path`; the format is found from the files unless it is named.
 
-    scale: metres that one unit of the poses has; 1 for formats that are metric.
+    scale: metres that one unit of the poses has; 1 for formats that are metric. poses: "colmap"
+    lets COLMAP find those of a folder of photos, or of a video, first.
     """
     path = Path(path)
+    if poses == "colmap":
+        path, format = pose_photos(path), format or "colmap"
     if not path.is_dir():
         is_file = "this is a file, not" if path.exists() else "there is no such folder as"
-        raise InputError(f"{path}: {is_file} a scene; give the path of a scene's folder.")
+        raise InputError(
+            f"{path}: {is_file} a scene; give the path of a scene's folder{_advice(path)}."
+        )
     name = format or find_format(path)
     if name is None:
         raise InputError(
             f"{path}: this is no scene we know ({', '.join(FORMATS)}); the simplest is a posed "
-            "folder with color/NAME.jpg, poses/NAME.txt and intrinsics.txt."
+            f"folder with color/NAME.jpg, poses/NAME.txt and intrinsics.txt{_advice(path)}."
         )
     if name not in FORMATS:
         raise InputError(f"{path}: unknown format {name!r}; choose one of {', '.join(FORMATS)}.")
     scene = FORMATS[name].open(path)
+    if scale != 1.0 and isinstance(scene, ScaledScene):
+        raise InputError(
+            f"{path}: the depth beside the photos tells the scale; leave --scale out, or move the "
+            "folder depth/ away."
+        )
     return scene if scale == 1.0 else ScaledScene(scene, scale)
+
+
+def _advice(path: Path) -> str:
+    """For photos without poses."""
+    is_video = path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES
+    if is_video or (path.is_dir() and photo_folder(path)):
+        return ", or let --poses colmap find the poses"
+    return ""
 
 
 def find_format(path: Path) -> str | None:

@@ -43,14 +43,14 @@ class PosedFolder:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         self.name = self.path.resolve().name
-        self.classes = self._read_classes()
-        photos = self._list_photos()
+        self.classes = read_classes(self.path)
+        photos = list_photos(self.path)
         poses = _by_stem(self.path / "poses", (".txt",), "pose")
         _check_pairing(self.path, photos, poses)
         self._sizes = {name: check_photo(photo) for name, photo in photos.items()}
-        intrinsics = self._read_intrinsics()
-        self._depth = self._list_maps("depth")
-        self._labels = self._list_maps("label")
+        intrinsics = read_intrinsics(self.path, self._sizes)
+        self._depth = list_maps(self.path, "depth", self._sizes)
+        self._labels = list_maps(self.path, "label", self._sizes)
         self._frames = [self._make_frame(name, photos, poses, intrinsics) for name in photos]
         self._views = self._read_views()
 
@@ -72,56 +72,14 @@ class PosedFolder:
     def has_labels(self) -> bool:
         return bool(self._labels)
 
-    def _list_photos(self) -> Files:
-        photos = _by_stem(self.path / "color", PHOTO_SUFFIXES, "photo")
-        if not photos:
-            raise InputError(
-                f"{self.path / 'color'}: no photos found; put NAME.jpg or NAME.png there."
-            )
-        return photos
-
-    def _list_maps(self, kind: str) -> Files:
-        """Depth or label PNGs; a photo may lack one, but each must belong to a photo."""
-        folder = self.path / {"depth": "depth", "label": "labels"}[kind]
-        maps = _by_stem(folder, (".png",), f"{kind} map") if folder.exists() else {}
-        for name, file in maps.items():
-            if name not in self._sizes:
-                raise InputError(
-                    f"{file}: no photo color/{name}.jpg or .png belongs to this {kind} map; "
-                    "name it like its photo or remove it."
-                )
-            check_map(file, kind, self._sizes[name])
-        return maps
-
-    def _read_classes(self) -> ClassTable:
-        file = self.path / "classes.json"
-        return read_class_table(file) if file.exists() else SCANNET20
-
-    def _read_intrinsics(self) -> dict[str, Float64[np.ndarray, "3 3"]]:
-        """For each photo, as in the files (integer pixel centres)."""
-        shared, folder = self.path / "intrinsics.txt", self.path / "intrinsics"
-        if folder.is_dir():
-            files = {name: folder / f"{name}.txt" for name in self._sizes}
-        else:
-            _check_one_size(shared, self._sizes)
-            files = dict.fromkeys(self._sizes, shared)
-        matrices = {
-            file: load_matrix(file, 3, 3, "intrinsics matrix") for file in set(files.values())
-        }
-        for name, file in files.items():
-            check_intrinsics(matrices[file], self._sizes[name], str(file))
-        return {name: matrices[file] for name, file in files.items()}
-
     def _make_frame(self, name: str, photos: Files, poses: Files, intrinsics: dict) -> Frame:
         world_from_cam = load_matrix(poses[name], 4, 4, "pose")
         check_pose(world_from_cam, str(poses[name]))
-        # The file counts pixel centres at integers, as OpenCV calibrates; ours lie at halves.
-        half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
         depth, labels = self._depth.get(name), self._labels.get(name)
         return Frame(
             name=name,
             size=self._sizes[name],
-            intrinsics=intrinsics[name] + half_pixel,
+            intrinsics=intrinsics[name],
             world_from_cam=world_from_cam,
             load_image=partial(load_photo, photos[name]),
             load_depth=partial(load_depth, depth) if depth else None,
@@ -131,6 +89,49 @@ class PosedFolder:
     def _read_views(self) -> list[tuple[int, ...]] | None:
         file = self.path / "views.txt"
         return read_view_tuples(file, self._sizes) if file.exists() else None
+
+
+def list_photos(path: Path) -> Files:
+    """The photos of `color/`; InputError for none."""
+    photos = _by_stem(path / "color", PHOTO_SUFFIXES, "photo")
+    if not photos:
+        raise InputError(f"{path / 'color'}: no photos found; put NAME.jpg or NAME.png there.")
+    return photos
+
+
+def list_maps(path: Path, kind: str, sizes: dict[str, Size]) -> Files:
+    """Depth or label PNGs; a photo may lack one, but each must belong to a photo."""
+    folder = path / {"depth": "depth", "label": "labels"}[kind]
+    maps = _by_stem(folder, (".png",), f"{kind} map") if folder.exists() else {}
+    for name, file in maps.items():
+        if name not in sizes:
+            raise InputError(
+                f"{file}: no photo color/{name}.jpg or .png belongs to this {kind} map; "
+                "name it like its photo or remove it."
+            )
+        check_map(file, kind, sizes[name])
+    return maps
+
+
+def read_classes(path: Path) -> ClassTable:
+    """Those of `classes.json`, or ScanNet's 20 without it."""
+    file = path / "classes.json"
+    return read_class_table(file) if file.exists() else SCANNET20
+
+
+def read_intrinsics(path: Path, sizes: dict[str, Size]) -> dict[str, Float64[np.ndarray, "3 3"]]:
+    """For each photo, corner convention; the files count pixel centres at integers, as OpenCV."""
+    shared, folder = path / "intrinsics.txt", path / "intrinsics"
+    if folder.is_dir():
+        files = {name: folder / f"{name}.txt" for name in sizes}
+    else:
+        _check_one_size(shared, sizes)
+        files = dict.fromkeys(sizes, shared)
+    matrices = {file: load_matrix(file, 3, 3, "intrinsics matrix") for file in set(files.values())}
+    for name, file in files.items():
+        check_intrinsics(matrices[file], sizes[name], str(file))
+    half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    return {name: matrices[file] + half_pixel for name, file in files.items()}
 
 
 def read_view_tuples(file: Path, names: Iterable[str]) -> list[tuple[int, ...]]:

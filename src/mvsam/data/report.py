@@ -43,6 +43,12 @@ class SceneReport:
     """What the depth says about the cameras."""
 
     @property
+    def advice(self) -> str:
+        """The sentence of the witness that decides."""
+        decides = self.depth_verdict.fits is not None or self.photo_hint is None
+        return self.depth_verdict.sentence if decides else self.photo_hint or ""
+
+    @property
     def is_suspicious(self) -> bool:
         """Whether the cameras seem wrong. Depth, where it can tell, overrules the photos."""
         if self.depth_verdict.fits is not None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
+from mvsam.data.keyframes import keyframes
 from mvsam.data.pose_check import pose_convention_hint
 from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
@@ -17,6 +18,10 @@ MINIMUM_BASELINE = 0.03
 """Metres; closer views show nearly the same picture and are used only if nothing else overlaps."""
 MINIMUM_OVERLAP = 0.1
 """Fraction of their frusta that two views must share to be matched."""
+MOST_AT_ONCE = 400
+"""Frames whose pairs are all looked at."""
+KEYFRAME_BASELINE, KEYFRAME_ANGLE_DEG = 0.05, 5.0
+"""Metres and degrees between those among which the sources of longer recordings are sought."""
 
 
 def view_tuples(
@@ -60,8 +65,10 @@ def _drop_blind(
     frames: Sequence[Frame], tuples: Sequence[ViewTuple], depth_range: DepthRange
 ) -> tuple[list[ViewTuple], list[str]]:
     """Leaves out prescribed tuples in which no source sees anything of the reference."""
-    shared = frustum_overlap(Cameras.of(frames), depth_range)
-    sees = [shared[views[0], list(views[1:])].any() for views in tuples]
+    sees = [
+        frustum_overlap(Cameras.of([frames[i] for i in views]), depth_range)[0].any()
+        for views in tuples
+    ]
     kept = [views for views, is_seen in zip(tuples, sees, strict=True) if is_seen]
     return kept, [
         frames[views[0]].name for views, is_seen in zip(tuples, sees, strict=True) if not is_seen
@@ -77,8 +84,37 @@ def rank_sources(
     """(one tuple for each frame that some other overlaps, the names of the frames that have none).
 
     Sources are ranked by overlap times the preference for useful triangulation angles; those nearer
-    than `minimum_baseline` metres come after all others.
+    than `minimum_baseline` metres come after all others. Of more than 400 frames, sources are
+    sought among the nearest keyframes alone: time and memory grow with the square of the number.
     """
+    if len(frames) <= MOST_AT_ONCE:
+        return _rank_all(frames, depth_range, num_views, minimum_baseline)
+    poses = np.stack([frame.world_from_cam for frame in frames])
+    kept = np.array(keyframes(list(poses), KEYFRAME_BASELINE, KEYFRAME_ANGLE_DEG))
+    tuples, skipped = [], []
+    for first in range(0, len(frames), MOST_AT_ONCE // 4):
+        references = list(range(first, min(first + MOST_AT_ONCE // 4, len(frames))))
+        middle = np.median(poses[references, :3, 3], axis=0)
+        order = np.linalg.norm(poses[kept, :3, 3] - middle, axis=1).argsort(kind="stable")
+        near = [i for i in kept[order].tolist() if i not in set(references)]
+        chosen = [*references, *near[: MOST_AT_ONCE - len(references)]]
+        part = [frames[index] for index in chosen]
+        found, lonely = _rank_all(
+            part, depth_range, num_views, minimum_baseline, num_references=len(references)
+        )
+        tuples += [tuple(chosen[i] for i in views) for views in found]
+        skipped += lonely
+    return tuples, skipped
+
+
+def _rank_all(
+    frames: Sequence[Frame],
+    depth_range: DepthRange,
+    num_views: int,
+    minimum_baseline: float,
+    num_references: int | None = None,
+) -> tuple[list[ViewTuple], list[str]]:
+    """`rank_sources` of the first `num_references` frames, every frame being a candidate."""
     cameras = Cameras.of(frames)
     shared = frustum_overlap(cameras, depth_range)
     baselines = np.linalg.norm(cameras.centres[:, None] - cameras.centres[None], axis=-1)
@@ -86,7 +122,7 @@ def rank_sources(
     # Among views that are all too close, the widest baseline is worth most.
     score = np.where(baselines >= minimum_baseline, usefulness, baselines - minimum_baseline)
     tuples, skipped = [], []
-    for reference, frame in enumerate(frames):
+    for reference, frame in enumerate(frames[:num_references]):
         candidates = np.flatnonzero(shared[reference] >= MINIMUM_OVERLAP)
         order = candidates[np.argsort(-score[reference, candidates], kind="stable")]
         if len(order):

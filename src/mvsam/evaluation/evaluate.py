@@ -5,11 +5,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import torch
+import torch.nn.functional as F
+from jaxtyping import Shaped
 from rich.table import Table
-from torch import nn
+from torch import Tensor, nn
 
 from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics
-from mvsam.evaluation.protocols import Protocol
+from mvsam.evaluation.protocols import Protocol, Size
+from mvsam.evaluation.sparsification import Sparsification
 from mvsam.types import Prediction, Targets, Views
 
 Model = Callable[[Views], Prediction]
@@ -24,12 +27,14 @@ class SceneScores:
     num_images: int = 0
     depth: DepthMetrics | None = None
     labels: ConfusionMatrix | None = None
+    confidence: Sparsification | None = None
 
     def __add__(self, other: "SceneScores") -> "SceneScores":
         return SceneScores(
             self.num_images + other.num_images,
             _merge(self.depth, other.depth),
             _merge(self.labels, other.labels),
+            _merge(self.confidence, other.confidence),
         )
 
     def as_json(self) -> dict:
@@ -40,6 +45,7 @@ class SceneScores:
         return depth | {
             "miou": labels.miou() if labels else None,
             "rmse_pooled": pooled,
+            "ause": self.confidence.score() if self.confidence else None,
             "accuracy": labels.accuracy() if labels else None,
             "iou": labels.iou() if labels else None,
             "num_images": self.num_images,
@@ -89,6 +95,7 @@ class Scores:
             "<1.05 %",
             "<1.25 %",
             "mIoU %",
+            "AUSE %",
         ):
             table.add_column(title, justify="right")
         for name, scores in self.scenes.items():
@@ -100,7 +107,7 @@ class Scores:
 
 def _cells(scores: SceneScores) -> list[str]:
     values = scores.as_json()
-    keys = ("abs", "rel", "rmse", "delta_1.03", "delta_1.05", "delta_1.25", "miou")
+    keys = ("abs", "rel", "rmse", "delta_1.03", "delta_1.05", "delta_1.25", "miou", "ause")
     percent = ["-" if values[key] is None else f"{100 * values[key]:.1f}" for key in keys]
     return [str(scores.num_images), *percent]
 
@@ -111,7 +118,7 @@ def evaluate(
     protocol: Protocol,
     progress: Callable[[int], None] | None = None,
 ) -> Scores:
-    """Scores of `model` on `samples`, which must have the protocol's size.
+    """Scores of `model` on `samples`, whose ground truth must have the protocol's size.
 
     An `nn.Module` is switched to evaluation meanwhile, and the samples go to its device.
     `progress` is called with the number of images done so far.
@@ -154,23 +161,40 @@ def _inference(model: Model) -> Iterator[torch.device]:
 def score_item(
     prediction: Prediction, targets: Targets, item: int, protocol: Protocol
 ) -> SceneScores:
-    """The scores of one batch item."""
-    width, height = protocol.size
+    """The scores of one batch item; the prediction is resized to the truth by nearest pixels."""
+    width, height = protocol.truth_size
     if targets.depth.shape[1:] != (height, width):
         raise ValueError(
             f"protocol {protocol.name} wants ground truth of {width}x{height}, "
             f"got {targets.depth.shape[2]}x{targets.depth.shape[1]}"
         )
-    depth, labels = prediction.depth, prediction.labels
+    labels, logits = prediction.labels, prediction.logits
+    label_scores = None
+    if labels is not None and logits is not None:
+        predicted = _nearest(labels[item], protocol.truth_size)
+        label_scores = ConfusionMatrix.of_labels(predicted, targets.labels[item], logits.shape[1])
+    return SceneScores(1, labels=label_scores, **_score_depth(prediction, targets, item, protocol))
+
+
+def _score_depth(prediction: Prediction, targets: Targets, item: int, protocol: Protocol) -> dict:
+    """The fields of `SceneScores` that depth has; none without it."""
+    if prediction.depth is None:
+        return {}
     truth = targets.depth[item]
-    return SceneScores(
-        num_images=1,
-        depth=None
-        if depth is None
-        else DepthMetrics.of_image(depth[item].float(), truth, protocol.valid_depth(truth)),
-        labels=None
-        if labels is None or prediction.logits is None
-        else ConfusionMatrix.of_labels(
-            labels[item], targets.labels[item], prediction.logits.shape[1]
-        ),
-    )
+    valid = protocol.valid_depth(truth)
+    depth = protocol.compared_depth(_nearest(prediction.depth[item], protocol.truth_size).float())
+    scores = {"depth": DepthMetrics.of_image(depth, truth, valid)}
+    if prediction.confidence is None:
+        return scores
+    confidence = _nearest(prediction.confidence[item], protocol.truth_size).float()
+    return scores | {"confidence": Sparsification.of_image(depth, confidence, truth, valid)}
+
+
+def _nearest(
+    values: Shaped[Tensor, "height width"], size: Size
+) -> Shaped[Tensor, "new_height new_width"]:
+    """Each new pixel's value is that of the old pixel which holds its centre."""
+    if values.shape == (size[1], size[0]):
+        return values
+    resized = F.interpolate(values[None, None].double(), size[::-1], mode="nearest-exact")
+    return resized[0, 0].to(values.dtype)

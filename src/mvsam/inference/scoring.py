@@ -16,6 +16,7 @@ from mvsam.data.transforms import resize_nearest
 from mvsam.evaluation.evaluate import SceneScores, Scores
 from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics
 from mvsam.evaluation.protocols import PROTOCOLS, Protocol
+from mvsam.evaluation.sparsification import Sparsification
 from mvsam.files import write_json
 from mvsam.geometry.depth_map import from_millimetres
 from mvsam.inference.outputs import OutputFolder
@@ -49,18 +50,22 @@ def _has_truth(frame: Frame) -> bool:
 def _score_photo(
     folder: OutputFolder, frame: Frame, protocol: Protocol, num_classes: int | None
 ) -> SceneScores:
-    targets = make_targets(frame, protocol.size)
+    targets = make_targets(frame, protocol.truth_size)
     depth, labels = targets.depth[0], targets.labels[0]
 
     def written(kind: str) -> np.ndarray:
         with Image.open(folder.file(kind, frame.name)) as picture:
-            return resize_nearest(np.asarray(picture), protocol.size)
+            return resize_nearest(np.asarray(picture), protocol.truth_size)
 
-    depth_scores = label_scores = None
+    depth_scores = label_scores = confidence_scores = None
     if "depth" in folder.kinds:
         predicted = torch.from_numpy(from_millimetres(written("depth")))
-        depth_scores = DepthMetrics.of_image(predicted, depth, protocol.valid_depth(depth))
+        valid = protocol.valid_depth(depth)
+        depth_scores = DepthMetrics.of_image(predicted, depth, valid)
+        if "confidence" in folder.kinds:
+            confidence = torch.from_numpy(written("confidence").astype(np.float32))
+            confidence_scores = Sparsification.of_image(predicted, confidence, depth, valid)
     if "labels" in folder.kinds and num_classes is not None:
         predicted = torch.from_numpy(written("labels").astype(np.int64))
         label_scores = ConfusionMatrix.of_labels(predicted, labels, num_classes)
-    return SceneScores(1, depth_scores, label_scores)
+    return SceneScores(1, depth_scores, label_scores, confidence_scores)

@@ -87,3 +87,38 @@ def test_a_model_that_colmap_cannot_read_is_refused(tmp_path, text):
     (tmp_path / "sparse/0/cameras.txt").write_text(text)
     with pytest.raises(InputError, match="cannot read this model"):
         open_scene(tmp_path)
+
+
+def with_points(path, unit: float):
+    """The model of `write_colmap` in another unit, with 80 points where the depth says they are."""
+    truth = write_colmap(path)
+    (path / "source/depth").rename(path / "depth")
+    model = pycolmap.Reconstruction(str(path / "sparse/0"))
+    view, image = truth[0], model.images[1]
+    rows, columns = np.divmod(np.arange(80) * 37, 64)
+    pixels = np.stack([columns + 0.5, rows + 0.5], axis=1)
+    image.points2D = pycolmap.Point2DList([pycolmap.Point2D(xy) for xy in pixels])
+    rays = np.column_stack([pixels, np.ones(80)]) @ np.linalg.inv(view.intrinsics).T
+    points = rays * view.depth[rows, columns, None]
+    world = points @ view.world_from_cam[:3, :3].T + view.world_from_cam[:3, 3]
+    for index, xyz in enumerate(world):
+        track = pycolmap.Track([pycolmap.TrackElement(1, index)])
+        model.add_point3D(xyz, track)
+    model.transform(pycolmap.Sim3d(1 / unit, pycolmap.Rotation3d(), np.zeros(3)))
+    model.write(str(path / "sparse/0"))
+    for file in (path / "sparse/0").glob("*.txt"):
+        file.unlink()
+    return truth
+
+
+def test_measured_depth_tells_how_long_a_unit_is(tmp_path, caplog):
+    truth = with_points(tmp_path, unit=0.25)
+    scene = open_scene(tmp_path)
+    assert "one unit of the model is 0.25 m" in caplog.text
+    for index, view in enumerate(truth):
+        frame = scene.frame(index)
+        np.testing.assert_allclose(frame.world_from_cam, view.world_from_cam, atol=1e-3)
+        assert frame.depth is not None
+        np.testing.assert_allclose(frame.depth, view.depth, atol=0.51e-3)
+    with pytest.raises(InputError, match="leave --scale out"):
+        open_scene(tmp_path, scale=2.0)

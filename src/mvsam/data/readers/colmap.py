@@ -1,6 +1,7 @@
 """COLMAP models, text and binary, every perspective camera model, read through pycolmap.
 
-A model's unit is arbitrary unless it was aligned: give `--scale`, metres a unit.
+A model's unit is arbitrary unless it was aligned: give `--scale`, metres a unit, or put measured
+depth beside the photos, from which it is found.
 """
 
 import logging
@@ -11,11 +12,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mvsam.data.files import check_photo, load_photo
+from mvsam.data.files import check_map, check_photo, load_depth, load_photo
+from mvsam.data.readers.colmap_scale import metres_a_unit
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
+from mvsam.data.scaled import ScaledScene
 from mvsam.data.undistort import undistort
 from mvsam.errors import InputError, MissingExtraError
-from mvsam.types import Frame
+from mvsam.types import Frame, Scene
 
 _MODEL_PLACES = ("sparse/0", "sparse", "colmap/sparse/0", "")
 _PHOTO_PLACES = ("images", "color", "rgb", "")
@@ -34,7 +37,7 @@ class ColmapLens:
 
     def bend(self, rays: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
         """Where the lens puts a straight ray, both at z = 1."""
-        camera = _import_pycolmap().Camera(
+        camera = import_pycolmap().Camera(
             model=self.model, width=self.size[0], height=self.size[1], params=list(self.params)
         )
         flat = rays.reshape(-1, 2)
@@ -47,33 +50,49 @@ def is_colmap(path: Path) -> bool:
     return _model_folder(path) is not None
 
 
-def open_colmap(path: Path) -> ListedScene:
+def open_colmap(path: Path) -> Scene:
     """The scene of a folder with a model (`sparse/0`, or the folder itself) and its photos.
 
-    Photos are sought in `images/`, `color/`, `rgb/`, the folder itself, and above a bare model.
+    Photos are sought in `images/`, `color/`, `rgb/`, the folder itself, and above a bare model;
+    measured depth (16-bit PNGs in millimetres, named like the photos) in `depth/` beside them.
     """
     folder = _model_folder(path)
     if folder is None:
         raise InputError(f"{path}: no COLMAP model (cameras, images) in it or in sparse/0.")
-    pycolmap = _import_pycolmap()
+    pycolmap = import_pycolmap()
     try:
         model = pycolmap.Reconstruction(str(folder))
-    except Exception as error:  # pycolmap raises many kinds for damaged files
+        posed = (image for image in model.images.values() if image.has_pose)
+        images = sorted(posed, key=lambda image: image.name)
+    except Exception as error:  # pycolmap raises many kinds for damaged files, for names too
         raise InputError(f"{folder}: COLMAP cannot read this model ({error}).") from error
-    images = sorted(
-        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
-    )
     photos = _photo_folder(path, folder, [image.name for image in images])
-    frames = [_frame(photos, image, model.cameras[image.camera_id], folder) for image in images]
-    log.warning(
-        "%s: a COLMAP model has no unit; depths are metric only if it was aligned, or with "
-        "--scale, metres a unit.",
-        path,
-    )
-    return ListedScene(path.resolve().name, frames)
+    depths = _depth_files(photos, [image.name for image in images])
+    frames = [
+        _frame(photos, image, model.cameras[image.camera_id], folder, depths.get(image.name))
+        for image in images
+    ]
+    scene = ListedScene(path.resolve().name, frames)
+    scale = metres_a_unit(model, images, depths)
+    if scale is None:
+        log.warning(
+            "%s: a COLMAP model has no unit, so its scale is unknown; depths are metric only if it "
+            "was aligned, or with --scale, metres a unit.",
+            path,
+        )
+        return scene
+    log.warning("%s: one unit of the model is %.4g m by the measured depth.", path, scale)
+    return ScaledScene(scene, scale)
 
 
-def _frame(photos: Path, image, camera, folder: Path) -> Frame:
+def _depth_files(photos: Path, names: list[str]) -> dict[str, Path]:
+    """Name of each image that has a measured depth -> its file."""
+    folder = (photos.parent if photos.name else photos) / "depth"
+    files = {name: (folder / name).with_suffix(".png") for name in names}
+    return {name: file for name, file in files.items() if file.is_file()}
+
+
+def _frame(photos: Path, image, camera, folder: Path, depth: Path | None) -> Frame:
     item = f"{folder}: {image.name}"
     file = file_inside(photos, image.name, item)
     size = check_photo(file)
@@ -91,24 +110,33 @@ def _frame(photos: Path, image, camera, folder: Path) -> Frame:
         )
     cam_from_world = np.eye(4)
     cam_from_world[:3] = image.cam_from_world().matrix()
-    if _is_pinhole(camera):
-        load = partial(load_photo, file)
-    else:
-        params = tuple(float(value) for value in camera.params)
-        lens = ColmapLens(camera.model_name, size, params, intrinsics)
-        load = partial(_load_straight, file, intrinsics, lens)
+    lens = None if _is_pinhole(camera) else _lens(camera, size, intrinsics)
+    if depth:
+        check_map(depth, "depth", size)
     frame = Frame(
         name=image.name.rsplit(".", 1)[0].replace("/", "_"),
         size=size,
         intrinsics=intrinsics,
         world_from_cam=np.linalg.inv(cam_from_world),
-        load_image=load,
+        load_image=partial(_load_photo, file, intrinsics, lens),
+        load_depth=partial(_load_depth, depth, intrinsics, lens) if depth else None,
     )
     return checked(frame, item)
 
 
-def _load_straight(file: Path, intrinsics: np.ndarray, lens: ColmapLens) -> np.ndarray:
-    return undistort(load_photo(file), intrinsics, lens)
+def _lens(camera, size: tuple[int, int], intrinsics: np.ndarray) -> ColmapLens:
+    params = tuple(float(value) for value in camera.params)
+    return ColmapLens(camera.model_name, size, params, intrinsics)
+
+
+def _load_photo(file: Path, intrinsics: np.ndarray, lens: ColmapLens | None) -> np.ndarray:
+    photo = load_photo(file)
+    return undistort(photo, intrinsics, lens) if lens else photo
+
+
+def _load_depth(file: Path, intrinsics: np.ndarray, lens: ColmapLens | None) -> np.ndarray:
+    depth = load_depth(file)
+    return undistort(depth, intrinsics, lens, outside=0) if lens else depth
 
 
 def _is_pinhole(camera) -> bool:
@@ -140,7 +168,7 @@ def _photo_folder(path: Path, model: Path, names: list[str]) -> Path:
     raise InputError(f"{path}: its photo {names[0]} is not in images/; put the photos there.")
 
 
-def _import_pycolmap():
+def import_pycolmap():
     try:
         import pycolmap
     except ImportError as error:

@@ -11,6 +11,9 @@ from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.errors import InputError
 from mvsam.types import Frame
 
+HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+"""From a calibration that counts pixel centres at integers to the corner convention."""
+
 
 class ListedScene:
     """A `Scene` of these frames. Raises `InputError` for none, or for two of one name."""
@@ -74,3 +77,14 @@ def file_inside(folder: Path, relative: object, item: str) -> Path:
         if depth < 0 or path.is_absolute():
             raise InputError(f"{item}: {relative} leaves the folder {folder}; keep files inside.")
     return folder / path
+
+
+def numbered_files(folder: Path, suffixes: Sequence[str]) -> dict[int, Path]:
+    """Frame number -> file, of those named by a number; empty where the folder is missing."""
+    files: dict[int, Path] = {}
+    for file in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if file.suffix.lower() in suffixes and file.stem.isdecimal():
+            if int(file.stem) in files:
+                raise InputError(f"{file}: there are two files of frame {int(file.stem)}.")
+            files[int(file.stem)] = file
+    return files

@@ -7,7 +7,6 @@ pictures hold NYU40 ids already.
 import io
 import logging
 import zipfile
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,14 +16,14 @@ from PIL import Image
 
 from mvsam.data.files import check_photo, load_depth, load_matrix, load_photo, load_pixels
 from mvsam.data.nyu40 import find_tsv, from_nyu40, from_raw
-from mvsam.data.readers.listed import ListedScene, checked
+from mvsam.data.posed_folder import read_view_tuples
+from mvsam.data.readers.listed import HALF_PIXEL, ListedScene, checked, numbered_files
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.register import read_at_pixels
 from mvsam.data.transforms import resize_nearest
 from mvsam.errors import InputError
 from mvsam.types import Frame
 
-_HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 _LARGEST_LABEL_PICTURE = 64 * 2**20
 
 log = logging.getLogger("mvsam")
@@ -59,12 +58,15 @@ def is_scannet_folder(path: Path) -> bool:
 
 
 def open_scannet_folder(path: Path) -> ListedScene:
-    """An exported scan: color/, pose/, depth/, and label-filt/ or label/, files by frame number."""
-    photos = sorted(_numbered(path / "color", (".jpg", ".png")).items())
-    poses = _numbered(path / "pose", (".txt",))
-    depths = _numbered(path / "depth", (".png",))
+    """An exported scan: color/, pose/, depth/, and label-filt/ or label/, files by frame number.
+
+    A `views.txt`, as in a posed folder, says which frames are seen together.
+    """
+    photos = sorted(numbered_files(path / "color", (".jpg", ".png")).items())
+    poses = numbered_files(path / "pose", (".txt",))
+    depths = numbered_files(path / "depth", (".png",))
     label_folder = path / "label-filt" if (path / "label-filt").is_dir() else path / "label"
-    labels = _numbered(label_folder, (".png",))
+    labels = numbered_files(label_folder, (".png",))
     color, depth = _matrix(path, "color"), _matrix(path, "depth") if depths else None
     frames = []
     for number, photo in photos:
@@ -92,7 +94,9 @@ def open_scannet_folder(path: Path) -> ListedScene:
     if len(frames) < len(photos):
         lost = len(photos) - len(frames)
         log.warning("%s: %d frames without tracking are left out.", path, lost)
-    return ListedScene(path.resolve().name, frames)
+    file = path / "views.txt"
+    views = read_view_tuples(file, [f.name for f in frames]) if file.exists() else None
+    return ListedScene(path.resolve().name, frames, views)
 
 
 def _matrix(path: Path, camera: str) -> Float[np.ndarray, "3 3"]:
@@ -100,20 +104,10 @@ def _matrix(path: Path, camera: str) -> Float[np.ndarray, "3 3"]:
     places = path / "intrinsic" / f"intrinsic_{camera}.txt", path / f"intrinsics_{camera}.txt"
     for file in places:
         if file.is_file():
-            return load_matrix(file, 4, 4, "intrinsics matrix")[:3, :3] + _HALF_PIXEL
+            return load_matrix(file, 4, 4, "intrinsics matrix")[:3, :3] + HALF_PIXEL
     raise InputError(
         f"{path}: neither {places[0].relative_to(path)} nor {places[1].name} is there."
     )
-
-
-def _numbered(folder: Path, suffixes: Sequence[str]) -> dict[int, Path]:
-    files: dict[int, Path] = {}
-    for file in sorted(folder.iterdir()) if folder.is_dir() else []:
-        if file.suffix.lower() in suffixes and file.stem.isdecimal():
-            if int(file.stem) in files:
-                raise InputError(f"{file}: there are two files of frame {int(file.stem)}.")
-            files[int(file.stem)] = file
-    return files
 
 
 def _load_depth(

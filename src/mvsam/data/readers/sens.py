@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, UInt8, UInt16
 from PIL import Image
 
 from mvsam.data.register import read_at_pixels
@@ -78,9 +78,13 @@ class SensFile:
             **maps,
         )
 
+    def color_file(self, index: int) -> bytes:
+        """The JPEG or PNG as it is stored."""
+        return self._bytes(self.frames[index].color_place)
+
     def color(self, index: int) -> UInt8[np.ndarray, "height width 3"]:
         """RGB."""
-        data = self._bytes(self.frames[index].color_place)
+        data = self.color_file(index)
         try:
             with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
                 if picture.size != self.header.color_size:
@@ -91,6 +95,10 @@ class SensFile:
 
     def depth(self, index: int) -> Float[np.ndarray, "height width"]:
         """Metres at the depth camera's own size; 0 = unknown."""
+        return self.depth_pixels(index).astype(np.float32) / np.float32(self.header.depth_units)
+
+    def depth_pixels(self, index: int) -> UInt16[np.ndarray, "height width"]:
+        """As stored: `depth_units` of the header are a metre."""
         width, height = self.header.depth_size
         unpacker = zlib.decompressobj()
         try:
@@ -101,8 +109,7 @@ class SensFile:
             raise self._broken(f"depth of frame {index} cannot be unpacked: {error}") from error
         if len(data) != 2 * width * height:
             raise self._broken(f"depth of frame {index} has {len(data)} bytes")
-        pixels = np.frombuffer(data, "<u2").reshape(height, width)
-        return pixels.astype(np.float32) / np.float32(self.header.depth_units)
+        return np.frombuffer(data, "<u2").reshape(height, width)
 
     def depth_for_color(self, index: int) -> Float[np.ndarray, "height width"]:
         """Metres at the colour camera's pixels: the two share one viewpoint in ScanNet."""

@@ -10,13 +10,14 @@ from jaxtyping import Float
 
 from mvsam.data.files import check_map, check_photo, load_matrix, load_photo, load_pixels
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
+from mvsam.data.readers.trajectory import nearest_in_time, read_trajectory, text_lines, tum_pose
 from mvsam.data.undistort import Distortion, undistort
 from mvsam.errors import InputError
-from mvsam.geometry.pose import pose_from_quaternion
 from mvsam.types import Frame
 
 DEPTH_UNITS = 5000.0
 """In a metre."""
+LINE = "time tx ty tz qx qy qz qw"
 LONGEST_GAP = 0.02
 """Seconds between stamps that still belong together, as the benchmark's own tool has it."""
 
@@ -43,17 +44,17 @@ def open_tum(path: Path) -> ListedScene:
     """
     photos = _read_list(path / "rgb.txt")
     depths = _read_list(path / "depth.txt") if (path / "depth.txt").is_file() else []
-    times, poses = _read_trajectory(path / "groundtruth.txt")
+    trajectory = read_trajectory(path / "groundtruth.txt", 7, tum_pose, LINE)
     depth_times = np.array([time for time, _ in depths])
     intrinsics, distortion = _camera(path)
     frames = []
     for time, relative in photos:
-        pose = _nearest(times, time)
+        pose = trajectory.at(time, LONGEST_GAP)
         if pose is None:
             continue
-        depth = _nearest(depth_times, time)
+        depth = nearest_in_time(depth_times, time, LONGEST_GAP)
         depth_file = None if depth is None else depths[depth][1]
-        frames.append(_frame(path, relative, depth_file, poses[pose], intrinsics, distortion))
+        frames.append(_frame(path, relative, depth_file, pose, intrinsics, distortion))
     if len(frames) < len(photos):
         lost = len(photos) - len(frames)
         log.warning("%s: %d of %d photos have no pose in time.", path, lost, len(photos))
@@ -85,50 +86,14 @@ def _frame(
 
 
 def _read_list(file: Path) -> list[tuple[float, str]]:
-    """(seconds, relative path) a line; # starts a comment."""
+    """(seconds, relative path) a line."""
     entries = []
-    for number, words in _lines(file):
+    for number, words in text_lines(file):
         try:
             entries.append((float(words[0]), words[1]))
         except (ValueError, IndexError) as error:
             raise InputError(f"{file} line {number}: expected a time stamp and a file.") from error
     return entries
-
-
-def _read_trajectory(
-    file: Path,
-) -> tuple[Float[np.ndarray, " pose"], list[Float[np.ndarray, "4 4"]]]:
-    times, poses = [], []
-    for number, words in _lines(file):
-        try:
-            time, *values = (float(word) for word in words)
-            if len(values) != 7:
-                raise ValueError(f"{len(values) + 1} numbers")
-            poses.append(pose_from_quaternion(np.array(values[:3]), np.array(values[3:7])))
-        except ValueError as error:
-            raise InputError(
-                f"{file} line {number}: expected 'time tx ty tz qx qy qz qw' ({error})."
-            ) from error
-        times.append(time)
-    order = np.argsort(times)
-    return np.array(times)[order], [poses[i] for i in order]
-
-
-def _lines(file: Path) -> list[tuple[int, list[str]]]:
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read ({error}).") from error
-    split = [(number, line.split("#")[0].split()) for number, line in enumerate(lines, start=1)]
-    return [(number, words) for number, words in split if words]
-
-
-def _nearest(times: Float[np.ndarray, " stamp"], time: float) -> int | None:
-    """The stamp nearest in time, or None beyond `LONGEST_GAP`."""
-    if not len(times):
-        return None
-    index = int(np.abs(times - time).argmin())
-    return index if abs(times[index] - time) <= LONGEST_GAP else None
 
 
 def _camera(path: Path) -> tuple[Float[np.ndarray, "3 3"], Distortion]:

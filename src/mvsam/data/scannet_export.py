@@ -1,0 +1,189 @@
+"""ScanNet's `.sens` files as folders of pictures, frame by frame and in several processes.
+
+The layout is that of ScanNet's own exporter, which our reader `scannet` opens: color/, depth/,
+pose/, intrinsic/, and label-filt/ from the scan's zip.
+"""
+
+import io
+import zipfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image
+
+from mvsam.data.nyu40 import TSV, find_tsv
+from mvsam.data.readers.listed import HALF_PIXEL
+from mvsam.data.readers.scannet import is_sens, open_scannet_folder
+from mvsam.data.readers.sens import SensFile
+from mvsam.data.splits import is_scene_list, listed_scenes
+from mvsam.data.view_rules import prescribe
+from mvsam.errors import InputError
+from mvsam.files import write_whole
+
+CHUNK = 16
+"""Frames that a process writes before it reports."""
+DEPTH_RANGE = (0.1, 5.0)
+"""Metres over which keyframes must overlap."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Some frames of one scan to be written into a folder."""
+
+    sens: Path
+    labels: Path | None
+    """The scan's label zip."""
+    out: Path
+    frames: tuple[int, ...]
+    size: tuple[int, int] | None
+    """(width, height) of the written photos; None: as they are, byte for byte."""
+
+
+def find_scans(path: Path) -> list[Path]:
+    """The folders with a `.sens` that a path names: one, those in it, or those of a list."""
+    if is_scene_list(path.name):
+        return listed_scenes(path)
+    if not path.is_dir():
+        raise InputError(f"{path}: there is no such folder; give that of a scan, or of several.")
+    folders = [path, *sorted(p for p in path.iterdir() if p.is_dir())]
+    if not (found := [folder for folder in folders if is_sens(folder)]):
+        raise InputError(f"{path}: there is no .sens in it or in its folders; download scans.")
+    return found
+
+
+def plan(
+    scan: Path, out: Path, every: int = 1, size: tuple[int, int] | None = None
+) -> tuple[list[Job], int]:
+    """(what is left of a scan's folder to be written into `out`, number of frames done before).
+
+    A frame's pose is written last, so it says that the frame is whole. Frames without tracking have
+    no picture, only their pose of -inf, as in ScanNet's own export.
+    """
+    files = sorted(scan.glob("*.sens"))
+    if len(files) != 1:
+        raise InputError(f"{scan}: holds {len(files)} .sens files, expected one; see docs/data.md.")
+    archives = sorted(scan.glob("*_2d-label-filt.zip"))
+    source = SensFile(files[0])
+    _write_intrinsics(source, out, size)
+    wanted = range(0, len(source.frames), every)
+    left = [index for index in wanted if not (out / f"pose/{index}.txt").exists()]
+    parts = [tuple(left[i : i + CHUNK]) for i in range(0, len(left), CHUNK)]
+    labels = archives[0] if archives else None
+    return [Job(files[0], labels, out, part, size) for part in parts], len(wanted) - len(left)
+
+
+def export(jobs: Sequence[Job], workers: int) -> Iterator[int]:
+    """Does the jobs in so many processes; yields the number of frames of each when it is done."""
+    if workers <= 1:
+        for job in jobs:
+            yield run(job)
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        running = [pool.submit(run, job) for job in jobs]
+        try:
+            for done in as_completed(running):
+                yield done.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def run(job: Job) -> int:
+    """Writes the frames of a job and returns their number."""
+    scan, labels = _opened(job.sens), _members(job.labels) if job.labels else {}
+    for index in job.frames:
+        pose = scan.frames[index].world_from_cam
+        if np.isfinite(pose).all():
+            _write_photo(scan, index, job)
+            _write_depth(scan, index, job.out)
+            if index in labels and job.labels:
+                _copy_label(job.labels, labels[index], job.out / f"label-filt/{index}.png")
+        _write_matrix(job.out / f"pose/{index}.txt", pose)
+    return len(job.frames)
+
+
+@lru_cache(maxsize=2)
+def _opened(path: Path) -> SensFile:
+    return SensFile(path)
+
+
+@lru_cache(maxsize=2)
+def _members(archive: Path) -> dict[int, str]:
+    try:
+        with zipfile.ZipFile(archive) as file:
+            names = [name for name in file.namelist() if name.lower().endswith(".png")]
+    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        raise InputError(f"{archive}: cannot be read ({error}); download it again.") from error
+    return {int(Path(name).stem): name for name in names if Path(name).stem.isdecimal()}
+
+
+def copy_table(scan: Path, out: Path) -> None:
+    """ScanNet's table of categories goes along where a scan has labels."""
+    if any(scan.glob("*_2d-label-filt.zip")):
+        data = find_tsv(scan).read_bytes()
+        write_whole(out / TSV, lambda stream: stream.write(data))
+
+
+def write_views(folder: Path, rule: str, num_views: int) -> None:
+    """`views.txt` of an exported scan by a rule of `view_rules.prescribe`."""
+    (scene,) = prescribe([open_scannet_folder(folder)], rule, num_views, DEPTH_RANGE)
+    lines = [" ".join(scene.frame(i).name for i in views) for views in scene.views() or ()]
+    text = "\n".join([f"# {rule}: reference, then sources", *lines, ""])
+    write_whole(folder / "views.txt", lambda stream: stream.write(text.encode()))
+
+
+def _write_photo(scan: SensFile, index: int, job: Job) -> None:
+    file = job.out / f"color/{index}.jpg"
+    if job.size is None:
+        data = scan.color_file(index)
+        if data[:2] != b"\xff\xd8":
+            file = file.with_suffix(".png")
+    else:
+        picture = Image.fromarray(scan.color(index)).resize(job.size, Image.Resampling.BILINEAR)
+        buffer = io.BytesIO()
+        picture.save(buffer, "JPEG", quality=95)
+        data = buffer.getvalue()
+    write_whole(file, lambda stream: stream.write(data))
+
+
+def _write_depth(scan: SensFile, index: int, out: Path) -> None:
+    """In millimetres, the unit of every scan of ScanNet; weakly packed, which is much faster."""
+    pixels = scan.depth_pixels(index)
+    if scan.header.depth_units != 1000:
+        pixels = np.rint(scan.depth(index) * 1000).clip(0, 65535).astype(np.uint16)
+    picture = Image.fromarray(pixels)
+    write_whole(
+        out / f"depth/{index}.png", lambda stream: picture.save(stream, "PNG", compress_level=1)
+    )
+
+
+def _copy_label(archive: Path, member: str, file: Path) -> None:
+    try:
+        with zipfile.ZipFile(archive) as source:
+            data = source.read(member)
+    except Exception as error:  # zipfile raises many kinds for damaged data
+        raise InputError(f"{archive}: {member} cannot be read ({error}).") from error
+    write_whole(file, lambda stream: stream.write(data))
+
+
+def _write_intrinsics(scan: SensFile, out: Path, size: tuple[int, int] | None) -> None:
+    """Calibrations for the written sizes, with integer pixel centres."""
+    header = scan.header
+    width, height = size or header.color_size
+    scale = np.array([[width / header.color_size[0]], [height / header.color_size[1]], [1.0]])
+    for name, matrix in (
+        ("color", header.color_intrinsics * scale),
+        ("depth", header.depth_intrinsics),
+    ):
+        full = np.eye(4)
+        full[:3, :3] = matrix - HALF_PIXEL
+        _write_matrix(out / f"intrinsic/intrinsic_{name}.txt", full)
+
+
+def _write_matrix(path: Path, matrix: Float[np.ndarray, "4 4"]) -> None:
+    write_whole(path, lambda stream: np.savetxt(stream, matrix, fmt="%.9g"))

@@ -1,0 +1,131 @@
+"""Lists of scenes and of view tuples that come as files: ScanNet's splits, MVS2D's triplets."""
+
+import pickle
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from mvsam.errors import InputError
+
+SCAN_FOLDERS = ("", "scans", "scans_test", "../scans", "../scans_test")
+"""Where scans lie, seen from the folder of their list."""
+_PICKLED_BY_NUMPY = {
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    *(("numpy.core.multiarray", name) for name in ("_reconstruct", "scalar")),
+    *(("numpy._core.multiarray", name) for name in ("_reconstruct", "scalar")),
+}
+_LARGEST_FILE = 256 * 2**20
+
+TuplesByScene = dict[str, list[tuple[int, ...]]]
+"""Scene -> frame numbers of each tuple: the reference, then its sources."""
+
+
+def is_scene_list(name: str) -> bool:
+    """Whether data are named by a list of scenes, as scannetv2_val.txt."""
+    return name.endswith(".txt")
+
+
+def listed_scenes(file: Path) -> list[Path]:
+    """The folders of the scenes in a list, one name a line; all must be there."""
+    if not file.is_file():
+        official = re.fullmatch(r"scannetv2_(train|val|test)\.txt", file.name)
+        advice = (
+            "ScanNet's own repository has it, github.com/ScanNet/ScanNet, in Tasks/Benchmark; put "
+            "it beside the scans"
+            if official
+            else "write one with a scene's name a line, beside the scenes"
+        )
+        raise InputError(f"{file}: there is no such list; {advice}.")
+    try:
+        names = file.read_text(encoding="utf-8-sig").split()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: cannot be read ({error}).") from error
+    if not names or any(not re.fullmatch(r"[\w.-]+", name) or name == ".." for name in names):
+        raise InputError(f"{file}: expected one scene's name a line, as scene0011_00.")
+    places = [file.parent / place for place in SCAN_FOLDERS]
+    found = {name: next((p / name for p in places if (p / name).is_dir()), None) for name in names}
+    if missing := [name for name, folder in found.items() if folder is None]:
+        raise InputError(
+            f"{file}: {len(missing)} of its {len(found)} scenes are not beside it or in scans/, "
+            f"{missing[0]} first; download them or remove their lines."
+        )
+    return [folder for folder in found.values() if folder is not None]
+
+
+def read_tuples(file: Path) -> TuplesByScene:
+    """View tuples by scene from MVS2D's `ScanNet_3_frame_*.npy`, or from text.
+
+    A line of text is a scene's name, the reference's frame number and those of its sources.
+    """
+    if not file.is_file():
+        raise InputError(
+            f"{file}: there is no such file; MVS2D's authors share their split files on OneDrive "
+            "(see the README of zhenpeiyang/MVS2D)."
+        )
+    entries = _npy_entries(file) if file.suffix == ".npy" else _text_entries(file)
+    tuples: TuplesByScene = {}
+    for number, (scene, frames) in enumerate(entries):
+        if len(frames) < 2 or len(set(frames)) < len(frames) or min(frames) < 0:
+            raise InputError(f"{file} entry {number}: {frames} are no reference with sources.")
+        tuples.setdefault(scene, []).append(tuple(frames))
+    if not tuples:
+        raise InputError(f"{file}: holds no view tuple.")
+    return tuples
+
+
+def _text_entries(file: Path) -> Iterable[tuple[str, list[int]]]:
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: cannot be read ({error}).") from error
+    entries = []
+    for number, line in enumerate(lines, start=1):
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        if not all(re.fullmatch(r"[0-9]{1,9}", word) for word in words[1:]):
+            raise InputError(f"{file} line {number}: expected 'scene reference source ...'.")
+        entries.append((words[0], [int(word) for word in words[1:]]))
+    return entries
+
+
+def _npy_entries(file: Path) -> Iterable[tuple[str, list[int]]]:
+    """A list of dictionaries `scene`, `target`, `refs`, as numpy pickles it."""
+    try:
+        with file.open("rb") as stream:
+            entries = _read_objects(stream, file.stat().st_size)
+        return [
+            (str(e["scene"]), [int(e["target"]), *(int(number) for number in e["refs"])])
+            for e in entries
+        ]
+    except Exception as error:  # a damaged pickle raises almost anything
+        raise InputError(
+            f"{file}: expected MVS2D's list of 'scene', 'target' and 'refs' ({error}); copy it "
+            "again."
+        ) from error
+
+
+def _read_objects(stream: BinaryIO, size: int) -> list[Any]:
+    """The objects of a .npy file, without running what a stranger may have put into it."""
+    if size > _LARGEST_FILE:
+        raise ValueError(f"{size} bytes are too many for a list")
+    version = np.lib.format.read_magic(stream)
+    if version != (1, 0):
+        raise ValueError(f"version {version}")
+    _, _, dtype = np.lib.format.read_array_header_1_0(stream)
+    if not dtype.hasobject:
+        raise ValueError(f"numbers of type {dtype}, no list of objects")
+    return list(_NumpyAlone(stream, encoding="latin1").load())
+
+
+class _NumpyAlone(pickle.Unpickler):
+    """Refuses every class but numpy's arrays and numbers."""
+
+    def find_class(self, module_name: str, global_name: str) -> Any:
+        if (module_name, global_name) not in _PICKLED_BY_NUMPY:
+            raise pickle.UnpicklingError(f"it wants to call {module_name}.{global_name}")
+        return super().find_class(module_name, global_name)

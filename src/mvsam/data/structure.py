@@ -1,0 +1,92 @@
+"""Poses for photos that have none: COLMAP's structure from motion, through pycolmap."""
+
+import logging
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from mvsam.data.files import check_photo
+from mvsam.data.posed_folder import PHOTO_SUFFIXES
+from mvsam.data.readers.colmap import import_pycolmap, is_colmap
+from mvsam.data.video import VIDEO_SUFFIXES, thinned_frames
+from mvsam.errors import InputError
+from mvsam.files import writable_folder
+
+PHOTO_PLACES = ("images", "color", "rgb", "")
+"""Folders of a scene in which photos without poses are sought."""
+MOST_MATCHED = 150
+"""Photos of which every pair is matched; of more, neighbours in the order of names."""
+FEWEST_PHOTOS = 3
+
+log = logging.getLogger("mvsam")
+
+
+def pose_photos(path: Path) -> Path:
+    """The folder with `sparse/0` that COLMAP made of a folder of photos, or of a video.
+
+    A video's frames, two a second, go to a folder of its name beside it. A model that is there
+    already is kept. Raises `InputError` where COLMAP finds no poses.
+    """
+    folder = path
+    if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file():
+        folder = writable_folder(path.with_suffix(""))
+        if not is_colmap(folder):
+            thinned_frames(path, folder / "images")
+    if is_colmap(folder):
+        log.warning("%s: has a COLMAP model already; that is taken.", folder)
+        return folder
+    photos = photo_folder(folder)
+    if photos is None:
+        raise InputError(f"{path}: neither photos nor a video; give a folder of .jpg or .png.")
+    writable_folder(folder / "sparse")
+    _reconstruct(photos, folder / "sparse" / "0")
+    return folder
+
+
+def photo_folder(path: Path) -> Path | None:
+    """Where photos lie in a scene's folder, or None."""
+    return next((path / p for p in PHOTO_PLACES if (path / p).is_dir() and _photos(path / p)), None)
+
+
+def _photos(folder: Path) -> list[Path]:
+    return sorted(f for f in folder.iterdir() if f.suffix.lower() in PHOTO_SUFFIXES)
+
+
+def _reconstruct(photos: Path, model: Path) -> None:
+    """Writes the largest model that COLMAP builds; camera and lens are estimated with it."""
+    files = _photos(photos)
+    if len(files) < FEWEST_PHOTOS:
+        raise InputError(f"{photos}: {len(files)} photos are too few for COLMAP; take 3 or more.")
+    pycolmap = import_pycolmap()
+    log.warning("%s: COLMAP seeks the poses of %d photos.", photos, len(files))
+    with tempfile.TemporaryDirectory(dir=model.parent) as work:
+        try:
+            found = _map(pycolmap, photos, files, Path(work))
+        except Exception as error:  # pycolmap raises many kinds
+            raise InputError(f"{photos}: COLMAP fails ({error}); are these photos?") from error
+        best = max(found, key=lambda number: found[number].num_reg_images(), default=None)
+        if best is None:
+            raise InputError(
+                f"{photos}: COLMAP finds no poses: the photos overlap too little or show too "
+                "little texture; take more, walking sideways."
+            )
+        (Path(work) / str(best)).rename(model)
+    lost = len(files) - found[best].num_reg_images()
+    if lost:
+        log.warning("%s: COLMAP finds no pose for %d of %d photos.", photos, lost, len(files))
+
+
+def _map(pycolmap: Any, photos: Path, files: list[Path], work: Path) -> dict:
+    """Number of each model, which lies in `work/NUMBER` -> the model."""
+    pycolmap.logging.minloglevel = 2  # errors only
+    pycolmap.set_random_seed(0)
+    database = work / "database.db"
+    one_camera = len({check_photo(file) for file in files}) == 1
+    mode = pycolmap.CameraMode.SINGLE if one_camera else pycolmap.CameraMode.AUTO
+    names = [file.name for file in files]
+    pycolmap.extract_features(database, photos, image_names=names, camera_mode=mode)
+    if len(files) <= MOST_MATCHED:
+        pycolmap.match_exhaustive(database)
+    else:
+        pycolmap.match_sequential(database)
+    return pycolmap.incremental_mapping(database, photos, work)

@@ -1,0 +1,139 @@
+"""Published rules of which frames of a recording are seen together, and tuples from files."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from mvsam.data.keyframes import keyframes
+from mvsam.data.labels import SCANNET20
+from mvsam.data.sampling import DepthRange, ViewTuple, rank_sources
+from mvsam.data.splits import read_tuples
+from mvsam.errors import InputError
+from mvsam.types import Frame, Scene
+
+FRAME_STEP = 20
+"""MVS2D's: neighbouring views are so many frames of the recording apart."""
+BENCHMARK_STEP = 100
+"""References of ScanNet's 2D benchmark are so many frames apart (scannet_frames_25k)."""
+RULES = ("mvs2d", "every-100", "keyframes")
+
+
+class PrescribedScene:
+    """A scene with view tuples from elsewhere."""
+
+    def __init__(self, scene: Scene, tuples: list[ViewTuple]):
+        self._scene, self._tuples = scene, tuples
+        self.classes = getattr(scene, "classes", SCANNET20)
+
+    @property
+    def name(self) -> str:
+        return self._scene.name
+
+    def __len__(self) -> int:
+        return len(self._scene)
+
+    def frame(self, index: int) -> Frame:
+        return self._scene.frame(index)
+
+    def views(self) -> list[ViewTuple]:
+        return self._tuples
+
+
+def prescribe(
+    scenes: Sequence[Scene], rule: str, num_views: int, depth_range: DepthRange
+) -> list[Scene]:
+    """The scenes with the tuples of a rule of `RULES`, or of a file (MVS2D's .npy, or text).
+
+    mvs2d: every 20th frame with its neighbours. every-100: references as ScanNet's 2D benchmark,
+    sources as mvs2d. keyframes: frames 10 cm or 15 degrees apart, sources by overlap among them.
+    Scenes that a file does not name are left out.
+    """
+    if rule == "mvs2d":
+        return [PrescribedScene(s, window_tuples(s, num_views)) for s in scenes]
+    if rule == "every-100":
+        return [PrescribedScene(s, window_tuples(s, num_views, BENCHMARK_STEP)) for s in scenes]
+    if rule == "keyframes":
+        return [PrescribedScene(s, keyframe_tuples(s, num_views, depth_range)) for s in scenes]
+    if not rule.endswith((".npy", ".txt")):
+        raise InputError(
+            f"unknown rule of view tuples '{rule}'; choose one of {', '.join(RULES)}, or the path "
+            "of a .npy or .txt file."
+        )
+    return _from_file(scenes, Path(rule), num_views)
+
+
+def window_tuples(
+    scene: Scene, num_views: int, reference_step: int = FRAME_STEP, step: int = FRAME_STEP
+) -> list[ViewTuple]:
+    """MVS2D's rule, as its authors tell it (issue 12 of their repository), in DPSNet's manner.
+
+    Of each recording every `step`-th frame is kept; sources are the reference's neighbours among
+    those, as many before as behind it, shifted inward at both ends. References are the kept frames
+    whose number divides by `reference_step`.
+    """
+    numbers = frame_numbers(scene)
+    kept = [index for index, number in enumerate(numbers) if number % step == 0]
+    if len(kept) < 2:
+        raise InputError(
+            f"{scene.name}: of its {len(numbers)} frames {len(kept)} have a number that divides by "
+            f"{step}; the rule is for whole recordings, choose another."
+        )
+    return [
+        _window(kept, place, num_views)
+        for place, index in enumerate(kept)
+        if numbers[index] % reference_step == 0
+    ]
+
+
+def _window(kept: list[int], place: int, num_views: int) -> ViewTuple:
+    """Nearest first, the earlier of two first: 1120, 1100, 1140."""
+    half = num_views // 2
+    first = max(0, min(place - half, len(kept) - 2 * half - 1))
+    around = [i for i in range(first, min(first + 2 * half + 1, len(kept))) if i != place]
+    nearest = sorted(around, key=lambda i: (abs(i - place), i))[: num_views - 1]
+    return (kept[place], *(kept[i] for i in nearest))
+
+
+def frame_numbers(scene: Scene) -> list[int]:
+    """The number at the end of each frame's name, or its place where names have none."""
+    names = [scene.frame(index).name for index in range(len(scene))]
+    found = [re.search(r"([0-9]{1,9})$", name) for name in names]
+    numbers = [int(match[1]) for match in found if match]
+    return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
+
+
+def keyframe_tuples(scene: Scene, num_views: int, depth_range: DepthRange) -> list[ViewTuple]:
+    """The keyframes as references, each with the best sources among the others."""
+    frames = [scene.frame(index) for index in range(len(scene))]
+    kept = keyframes([frame.world_from_cam for frame in frames])
+    tuples, _ = rank_sources([frames[i] for i in kept], depth_range, num_views)
+    return [tuple(kept[i] for i in views) for views in tuples]
+
+
+def _from_file(scenes: Sequence[Scene], file: Path, num_views: int) -> list[Scene]:
+    by_scene = read_tuples(file)
+    named: list[Scene] = [
+        PrescribedScene(scene, _indices(scene, by_scene[scene.name], file, num_views))
+        for scene in scenes
+        if scene.name in by_scene
+    ]
+    if not named:
+        raise InputError(
+            f"{file}: names none of these scenes ({scenes[0].name}, ...) but "
+            f"{next(iter(by_scene))}, ...; is it for other data?"
+        )
+    return named
+
+
+def _indices(
+    scene: Scene, tuples: Sequence[tuple[int, ...]], file: Path, num_views: int
+) -> list[ViewTuple]:
+    """Frame numbers as indices into the scene; tuples whose tracking was lost are an error."""
+    index_of = {number: index for index, number in enumerate(frame_numbers(scene))}
+    for number in (number for views in tuples for number in views[:num_views]):
+        if number not in index_of:
+            raise InputError(
+                f"{file}: frame {number} of {scene.name} is not among its {len(scene)} frames; its "
+                "tracking was lost, or the export is not complete."
+            )
+    return [tuple(index_of[number] for number in views[:num_views]) for views in tuples]

@@ -1,0 +1,186 @@
+"""Whatever the bytes of a scene's files say, only our own error comes out, and soon.
+
+Each case is a whole folder of one format in which a file was cut, overwritten in places, or
+replaced by made-up text.
+"""
+
+import contextlib
+import json
+import shutil
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from mvsam.data.formats import FORMATS
+from mvsam.data.splits import listed_scenes, read_tuples
+from mvsam.errors import InputError
+from mvsam.types import Frame
+from tests.data.readers.layouts import LAYOUTS
+from tests.synthetic import synthetic_views
+
+QUICK = settings(
+    max_examples=15,
+    deadline=None,
+    database=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+FUZZED = {
+    "posed-folder": ("intrinsics.txt", "poses/0000.txt", "color/0000.png", "depth/0000.png"),
+    "nerfstudio": ("transforms.json", "depth/0000.png"),
+    "colmap": ("sparse/0/cameras.txt", "sparse/0/images.txt"),
+    "scannet": ("pose/0.txt", "intrinsic/intrinsic_depth.txt", "label-filt/0.png"),
+    "scannet-sens": ("scan.sens", "scan_2d-label-filt.zip", "scannetv2-labels.combined.tsv"),
+    "tum": ("rgb.txt", "groundtruth.txt", "intrinsics.txt"),
+    "ios-logger": ("Frames.txt", "ARposes.txt"),
+    "replica": ("traj.txt", "cam_params.json", "results/depth000000.png"),
+}
+
+
+def small_frames() -> list[Frame]:
+    return [
+        Frame(
+            v.name, (64, 48), v.intrinsics, v.world_from_cam,
+            lambda v=v: v.image, lambda v=v: v.depth, lambda v=v: v.labels,
+        )
+        for v in synthetic_views(2)
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=[(f, file) for f in FUZZED for file in FUZZED[f]], ids=str)
+def broken(request, tmp_path_factory):
+    """(format, folder, file to break, its content)."""
+    name, file = request.param
+    folder = tmp_path_factory.mktemp("fuzz") / "scene"
+    LAYOUTS[name].write(small_frames(), folder)
+    return name, folder, folder / file, (folder / file).read_bytes()
+
+
+def read_everything(name: str, folder: Path) -> None:
+    """Opens the scene and decodes all; InputError is the only way to fail."""
+    try:
+        scene = FORMATS[name].open(folder)
+        for index in range(len(scene)):
+            frame = scene.frame(index)
+            assert frame.image.dtype == np.uint8
+            _ = frame.depth, frame.labels
+    except InputError as error:
+        assert "\n" not in str(error).strip()
+
+
+numbers = st.one_of(
+    st.integers(-(2**70), 2**70), st.floats(allow_nan=True), st.sampled_from(["-inf", "1e400", "x"])
+)
+texts = st.one_of(
+    st.text(max_size=200),
+    st.lists(st.lists(numbers, max_size=17), max_size=6).map(
+        lambda rows: "\n".join(" ".join(map(str, row)) for row in rows)
+    ),
+    st.recursive(
+        st.one_of(st.none(), st.booleans(), numbers, st.text(max_size=8)),
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner),
+        max_leaves=12,
+    ).map(lambda value: json.dumps(value, allow_nan=True)),
+)
+
+
+@QUICK
+@given(data=st.data())
+def test_broken_files_end_in_our_own_error_or_are_read(broken, data):
+    name, folder, file, content = broken
+    edits = st.lists(
+        st.tuples(st.integers(0, max(0, len(content) - 1)), st.binary(min_size=1, max_size=8)),
+        min_size=1,
+        max_size=4,
+    )
+    how = data.draw(st.sampled_from(["cut", "edit", "replace"]))
+    if how == "cut":
+        file.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    elif how == "edit":
+        changed = bytearray(content)
+        for place, value in data.draw(edits):
+            changed[place : place + len(value)] = value
+        file.write_bytes(changed)
+    else:
+        file.write_bytes(data.draw(texts).encode("utf-8", "surrogatepass"))
+    try:
+        read_everything(name, folder)
+    finally:
+        file.write_bytes(content)
+
+
+@QUICK
+@given(value=st.dictionaries(
+    st.sampled_from(["fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "camera_angle_x", "camera_model",
+                     "depth_unit_scale_factor", "frames"]),
+    st.one_of(numbers, st.none(), st.text(max_size=5), st.lists(st.integers(), max_size=3)),
+))  # fmt: skip
+def test_any_values_of_transforms_json_are_read_or_refused(tmp_path, value):
+    folder = tmp_path / "scene"
+    if not folder.exists():
+        LAYOUTS["nerfstudio"].write(small_frames(), folder)
+    file = folder / "transforms.json"
+    content = file.read_text()
+    file.write_text(json.dumps(json.loads(content) | value))
+    try:
+        read_everything("nerfstudio", folder)
+    finally:
+        file.write_text(content)
+
+
+@QUICK
+@given(
+    content=st.one_of(
+        st.binary(max_size=200), texts.map(lambda text: text.encode("utf-8", "replace"))
+    )
+)
+@pytest.mark.parametrize("name", ["split.npy", "split.txt"])
+def test_any_split_file_is_read_or_refused(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    for read in (read_tuples, listed_scenes):
+        with contextlib.suppress(InputError):
+            read(tmp_path / name)
+
+
+def test_a_picture_of_absurd_size_is_refused_before_memory_is_taken(tmp_path):
+    LAYOUTS["posed-folder"].write(small_frames(), tmp_path / "scene")
+    file = tmp_path / "scene/color/0000.png"
+    content = bytearray(file.read_bytes())
+    content[16:24] = (60_000).to_bytes(4, "big") * 2
+    content[29:33] = zlib.crc32(content[12:29]).to_bytes(4, "big")
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"0000\.png: the photo cannot be read"):
+        FORMATS["posed-folder"].open(tmp_path / "scene")
+
+
+def test_every_format_is_fuzzed_or_shares_its_parser():
+    shared = {"icl-nuim", "7-scenes", "arkitscenes"}
+    assert set(FUZZED) | shared == set(FORMATS)
+
+
+@pytest.mark.parametrize("name", ["tum", "replica", "arkitscenes", "ios-logger", "scannet"])
+def test_a_depth_map_of_8_bits_is_refused(tmp_path, name):
+    if LAYOUTS[name].depth_step is None:
+        pytest.skip("it has no depth")
+    folder = tmp_path / "42"
+    LAYOUTS[name].write(small_frames(), folder)
+    for file in folder.rglob("depth*/*.png"):
+        Image.new("L", (64, 48)).save(file)
+    for file in [*folder.rglob("lowres_depth/*.png"), *folder.rglob("depth0*.png")]:
+        Image.new("L", (64, 48)).save(file)
+    with pytest.raises(InputError, match="pixel type L"):
+        scene = FORMATS[name].open(folder)
+        _ = scene.frame(0).depth
+
+
+def test_a_picture_that_is_not_there_is_named(tmp_path):
+    LAYOUTS["replica"].write(small_frames(), tmp_path / "scene")
+    shutil.rmtree(tmp_path / "scene/results")
+    (tmp_path / "scene/results").mkdir()
+    with pytest.raises(InputError, match="0 photos but 2 poses"):
+        FORMATS["replica"].open(tmp_path / "scene")
