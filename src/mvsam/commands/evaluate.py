@@ -47,7 +47,7 @@ class Evaluate:
     scale: float = 1.0
     """Metres that one unit of the poses has."""
     protocol: str = "paper"
-    """Which pixels count, at which size: paper or real."""
+    """Which pixels count, at which size: paper, half or real."""
     views: int | None = None
     """Photos that are looked at together; the protocol's number where it is not given."""
     limit: int | None = None
