@@ -37,9 +37,7 @@ def test_every_row_builds_at_full_size_and_learns_what_is_not_frozen(budget: str
 
 
 @pytest.mark.parametrize("budget, name", DIFFERENT)
-def test_every_row_takes_a_step_that_moves_what_it_learns_and_nothing_frozen(
-    budget: str, name: str
-):
+def test_every_row_takes_a_step_that_moves_what_it_learns_alone(budget: str, name: str):
     run = BUDGETS[budget][name].experiment  # pyright: ignore[reportArgumentType]
     model = reduced(run.model)
     has_depth = run.data.references == 1

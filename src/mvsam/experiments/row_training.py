@@ -92,9 +92,8 @@ def is_done(job: Job, folders: Folders) -> bool:
 @contextmanager
 def claim(job: Job, folders: Folders) -> Iterator[bool]:
     """True inside where no other process of this machine is at the job; a killed one lets go."""
-    folder = folders.runs / job.name
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "claimed").open("w") as file:
+    folders.runs.mkdir(parents=True, exist_ok=True)
+    with (folders.runs / f".{job.name}.claimed").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
