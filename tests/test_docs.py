@@ -123,6 +123,7 @@ VERBS = [
     "data check",
     "data convert",
     "export",
+    "table",
     "bench",
 ]
 

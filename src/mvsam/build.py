@@ -72,8 +72,8 @@ def base_no_bridge(num_classes: int = 20, tuned_blocks: int = 3) -> MultiViewSAM
     )
 
 
-def mvs_sam(num_classes: int = 20, tuned_blocks: int = 3) -> MultiViewSAM:
-    """Tables 1 and 5, "MVS + SAM features": depth only."""
+def mvs_sam(num_classes: int = 20, tuned_blocks: int = 0) -> MultiViewSAM:
+    """Tables 1 and 5, "MVS + SAM features": depth only, "without any encoder tuning" (Sec. 4.5)."""
     del num_classes
     return MultiViewSAM(
         geometry_encoder=FeaturePyramid(),
@@ -83,13 +83,19 @@ def mvs_sam(num_classes: int = 20, tuned_blocks: int = 3) -> MultiViewSAM:
     )
 
 
-def cas_mvsnet(num_classes: int = 20) -> MultiViewSAM:
+def cas_mvsnet(
+    num_classes: int = 20, cascade: Callable[[], DepthCascade] = paper_cascade
+) -> MultiViewSAM:
     """Tables 1 and 5, CasMVSNet with the paper's hypotheses and training: 934,304 parameters."""
     del num_classes
-    return MultiViewSAM(geometry_encoder=FeaturePyramid(), cascade=paper_cascade())
+    return MultiViewSAM(geometry_encoder=FeaturePyramid(), cascade=cascade())
 
 
-def mvs_unet(num_classes: int = 20, imagenet: str | None = None) -> MultiViewSAM:
+def mvs_unet(
+    num_classes: int = 20,
+    imagenet: str | None = None,
+    cascade: Callable[[], DepthCascade] = paper_cascade,
+) -> MultiViewSAM:
     """Table 1, "MVS + UNet features", on a ResNet-34: 25,373,216 parameters.
 
     The paper begins with a U-Net trained on the same split: weights of `unet_r34` find their place.
@@ -98,9 +104,7 @@ def mvs_unet(num_classes: int = 20, imagenet: str | None = None) -> MultiViewSAM
     network = unet("resnet34", num_classes)
     released = ResNet34_Weights.IMAGENET1K_V1.get_state_dict
     weights = load_imagenet(network.encoder, imagenet, released)
-    model = MultiViewSAM(
-        geometry_encoder=UNetPyramid(FeaturePyramid(), network), cascade=paper_cascade()
-    )
+    model = MultiViewSAM(geometry_encoder=UNetPyramid(FeaturePyramid(), network), cascade=cascade())
     model.backbone_weights = weights
     return model
 
@@ -194,34 +198,69 @@ def tiny_decoder(num_classes: int) -> SemanticDecoder:
     return SemanticDecoder(num_classes, transformer, TINY_CHANNELS)
 
 
-def tiny_semantic_gt_depth(num_classes: int = 20) -> MultiViewSAM:
+def tiny_encoder(tuned_blocks: int | None) -> SamEncoder:
+    """`tiny_vit` as SAM's place-holder; None: all of it learns, at the rate of the other parts."""
+    return SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=tuned_blocks)
+
+
+def tiny_cascade() -> DepthCascade:
+    """Half the planes in the second sweep, at twice the distance: its window stays +-41 cm."""
+    return DepthCascade(
+        [CostRegularizer(channels) for channels in (32, 16, 8)],
+        num_planes=(48, 16, 8),
+        interval_ratios=(4.0, 2.0, 0.5),
+    )
+
+
+def tiny_semantic_gt_depth(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
     """The semantic half of `tiny`, prompted with measured depth.
 
     Trained on single pictures it stands in for SAM's pre-training, which `tiny` has none of.
     """
     return MultiViewSAM(
-        semantic_encoder=SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=None),
+        semantic_encoder=tiny_encoder(tuned_blocks),
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=tiny_decoder(num_classes),
     )
 
 
-def tiny(num_classes: int = 20, has_bridge: bool = True) -> MultiViewSAM:
-    """The paper's network at a size for two CPU cores; every box of Figure 3 is there.
-
-    Half the planes in the second sweep, at twice the distance, so that its window stays +-41 cm.
-    """
+def tiny(
+    num_classes: int = 20, has_bridge: bool = True, tuned_blocks: int | None = None
+) -> MultiViewSAM:
+    """The paper's network at a size for two CPU cores; every box of Figure 3 is there."""
     return MultiViewSAM(
         geometry_encoder=FeaturePyramid(),
-        semantic_encoder=SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=None),
+        semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16) if has_bridge else None,
-        cascade=DepthCascade(
-            [CostRegularizer(channels) for channels in (32, 16, 8)],
-            num_planes=(48, 16, 8),
-            interval_ratios=(4.0, 2.0, 0.5),
-        ),
+        cascade=tiny_cascade(),
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=tiny_decoder(num_classes),
+    )
+
+
+def tiny_mvs_sam(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+    """`mvs_sam` in the sizes of `tiny`."""
+    del num_classes
+    return MultiViewSAM(
+        geometry_encoder=FeaturePyramid(),
+        semantic_encoder=tiny_encoder(tuned_blocks),
+        bridge=SemanticPyramid(TINY_CHANNELS, width=16),
+        cascade=tiny_cascade(),
+    )
+
+
+def tiny_sam_semantic(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+    """`sam_semantic` in the sizes of `tiny`."""
+    return MultiViewSAM(
+        semantic_encoder=tiny_encoder(tuned_blocks), decoder=tiny_decoder(num_classes)
+    )
+
+
+def tiny_sam_conv(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+    """`sam_conv` in the sizes of `tiny`."""
+    return MultiViewSAM(
+        semantic_encoder=tiny_encoder(tuned_blocks),
+        decoder=ConvDecoder(num_classes, TINY_CHANNELS),
     )
 
 
@@ -231,7 +270,7 @@ class ModelSpec:
 
     name: str
     build: Callable[..., Model]
-    """Takes `num_classes`; the rows with SAM also `tuned_blocks`."""
+    """Takes `num_classes`; the rows with SAM also `tuned_blocks`, others `imagenet`."""
     paper_row: str
     inputs: str
     tasks: tuple[str, ...]
@@ -272,6 +311,37 @@ _ASSEMBLIES = (
         "none: tiny without SAM->MVS",
         "posed RGB views",
         _BOTH,
+    ),
+    ModelSpec(
+        "tiny_cas_mvsnet",
+        partial(cas_mvsnet, cascade=tiny_cascade),
+        "none: cas_mvsnet, cascade of tiny",
+        "posed RGB views",
+        _DEPTH,
+    ),
+    ModelSpec(
+        "tiny_mvs_unet",
+        partial(mvs_unet, cascade=tiny_cascade),
+        "none: mvs_unet, cascade of tiny",
+        "posed RGB views",
+        _DEPTH,
+    ),
+    ModelSpec(
+        "tiny_mvs_sam", tiny_mvs_sam, "none: tiny without decoder", "posed RGB views", _DEPTH
+    ),
+    ModelSpec(
+        "tiny_sam_semantic",
+        tiny_sam_semantic,
+        "none: semantic half of tiny, no depth",
+        "one RGB view",
+        _SEMANTICS,
+    ),
+    ModelSpec(
+        "tiny_sam_conv",
+        tiny_sam_conv,
+        "none: tiny_sam_semantic, conv decoder",
+        "one RGB view",
+        _SEMANTICS,
     ),
 )
 _BASELINES = (

@@ -20,6 +20,7 @@ from mvsam.commands.models import Models
 from mvsam.commands.predict import Predict
 from mvsam.commands.reconstruct import Reconstruct
 from mvsam.commands.rooms import Rooms
+from mvsam.commands.table import Table
 from mvsam.commands.train import Train
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.files import DiskFullError
@@ -29,6 +30,7 @@ Verb = (
     | Annotated[Predict, tyro.conf.subcommand("predict")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("eval")]
+    | Annotated[Table, tyro.conf.subcommand("table")]
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
     | Annotated[Rooms, tyro.conf.subcommand("rooms")]

@@ -36,7 +36,17 @@ def predict(room: str, tmp_path: Path, *options: str) -> int:
 def test_help_names_every_verb_without_loading_torch(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for verb in ("demo", "predict", "train", "eval", "models", "bench", "reconstruct", "rooms"):
+    for verb in (
+        "demo",
+        "predict",
+        "train",
+        "eval",
+        "table",
+        "models",
+        "bench",
+        "reconstruct",
+        "rooms",
+    ):
         assert f" {verb} " in text
     code = "import mvsam.cli, sys; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
@@ -52,6 +62,7 @@ def test_help_names_every_verb_without_loading_torch(capsys):
         "models",
         "bench",
         "export",
+        "table",
         "reconstruct",
         "rooms preview",
         "rooms export",

@@ -170,18 +170,22 @@ class AdapNetPPLoss:
 
     auxiliary_weights: tuple[float, ...] = (0.6, 0.5)
     """Of the outputs at 1/4 and at 1/8."""
+    class_weights: tuple[float, ...] | None = None
+    """Weight of each class in the cross entropy; none: all alike, as published."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]
     ) -> dict[str, Float[Tensor, ""]]:
         """`loss` and its parts `segmentation` and `auxiliary`, weighted."""
         assert prediction.logits is not None
-        segmentation = cross_entropy(prediction.logits, targets.labels)
+        segmentation = cross_entropy(prediction.logits, targets.labels, self.class_weights)
         auxiliary, size = segmentation.new_zeros(()), prediction.logits.shape[-2:]
         for side, weight in zip(prediction.auxiliary, self.auxiliary_weights, strict=True):
             assert side.logits is not None
             logits = F.interpolate(side.logits, size, mode="bilinear", align_corners=False)
-            auxiliary = auxiliary + weight * cross_entropy(logits, targets.labels)
+            auxiliary = auxiliary + weight * cross_entropy(
+                logits, targets.labels, self.class_weights
+            )
         return {
             "loss": segmentation + auxiliary,
             "segmentation": segmentation,

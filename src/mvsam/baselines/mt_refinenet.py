@@ -138,6 +138,8 @@ class MtRefineNetLoss:
     semantics_weight: float = 0.5
     depth_weight: float = 0.5
     """Of a mean cost of one metre."""
+    class_weights: tuple[float, ...] | None = None
+    """Weight of each class in the cross entropy; none: all alike, as published."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]
@@ -145,7 +147,7 @@ class MtRefineNetLoss:
         """`loss` and its parts `segmentation` and `depth`."""
         assert prediction.depth is not None and prediction.logits is not None
         known = is_depth_known(targets.depth, depth_range)
-        segmentation = cross_entropy(prediction.logits, targets.labels)
+        segmentation = cross_entropy(prediction.logits, targets.labels, self.class_weights)
         depth = masked_mean(reverse_huber(prediction.depth - targets.depth, known), known)
         total = self.semantics_weight * segmentation + self.depth_weight * depth
         return {"loss": total, "segmentation": segmentation, "depth": depth}

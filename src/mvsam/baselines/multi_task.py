@@ -48,6 +48,8 @@ class MultiTaskLoss:
     semantics_weight: float = 1.0
     depth_weight: float = 1.0
     """Of a mean cost of one metre."""
+    class_weights: tuple[float, ...] | None = None
+    """Weight of each class in the cross entropy; none: all alike, as published."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]
@@ -59,7 +61,9 @@ class MultiTaskLoss:
         for output in (prediction, *prediction.auxiliary):
             output = resize_prediction(output, size)
             assert output.depth is not None and output.logits is not None
-            segmentation = segmentation + cross_entropy(output.logits, targets.labels)
+            segmentation = segmentation + cross_entropy(
+                output.logits, targets.labels, self.class_weights
+            )
             depth = depth + masked_mean((output.depth - targets.depth).abs(), known)
         total = self.semantics_weight * segmentation + self.depth_weight * depth
         return {"loss": total, "segmentation": segmentation, "depth": depth}

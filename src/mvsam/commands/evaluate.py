@@ -50,7 +50,7 @@ class Evaluate:
     protocol: str = "paper"
     """Which pixels count, at which size. paper: 320x256, truth in [0.1, 5] m. mvs2d: MVS2D's own,
     640x480 and (0.5, 10) m, searching 0.3 to 10.1 m. scannet-2d: the 2D benchmark's labels at
-    640x480. real: as paper, at most 24 view tuples a scene."""
+    640x480. half: as paper, at 160x128. real: as paper, at most 24 view tuples a scene."""
     views: int | None = None
     """Photos that are looked at together; the protocol's number where it is not given."""
     tuples: str | None = None

@@ -82,6 +82,13 @@ class SamEncoder(nn.Module):
             self.backbone.blocks[-tuned_blocks:].requires_grad_(True)
             self.backbone.neck.requires_grad_(True)
 
+    def train(self, mode: bool = True) -> "SamEncoder":
+        """What is frozen stays in evaluation mode: the batch norms of a `ConvStem` would move."""
+        super().train(mode)
+        if self.tuned_blocks is not None:
+            self.backbone.patch_embed.eval()
+        return self
+
     def forward(
         self, images: Float[Tensor, "images 3 height width"], size: tuple[int, int] | None = None
     ) -> Float[Tensor, "images channel feature_height feature_width"]:

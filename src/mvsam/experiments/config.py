@@ -1,7 +1,7 @@
 """An experiment: small dataclasses, each defined beside the code it configures."""
 
 import json
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,8 @@ class ModelConfig:
     init: tuple[str, ...] = ()
     """Weights to begin with: names, files or hub ids, later ones over earlier ones; what none of
     them has in its shape begins anew."""
+    semantic_encoder: str | None = None
+    """Weights of which the semantic encoder alone is taken, in place of SAM's pre-training."""
     sam_checkpoint: str | None = None
     """SAM's released `sam_vit_b_*.pth` for the encoder of the paper's rows."""
     sam_decoder: bool = False
@@ -39,6 +41,10 @@ class ModelConfig:
     """Folder for what the frozen part of SAM's encoder says about each picture, computed once: 6.3
     MB a picture for ViT-B, 2.1 MB where none of its blocks learns. For pictures that are shown
     unchanged every time; none: compute anew every time."""
+
+    def without_files(self) -> "ModelConfig":
+        """The same model, to be given weights that hold all of it."""
+        return replace(self, init=(), semantic_encoder=None, sam_checkpoint=None)
 
 
 @dataclass(frozen=True)

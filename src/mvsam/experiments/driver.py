@@ -33,6 +33,7 @@ from mvsam.types import Model
 from mvsam.weights import (
     RUN_PAGE,
     layout_channels_last,
+    load_encoder,
     load_into,
     load_sam,
     read_tensors,
@@ -72,7 +73,7 @@ def train(
     if last is not None:
         warn_of_changes(experiment, folder / RUN_PAGE)
         # The checkpoint holds every weight; the files the run began with need not exist any more.
-        model = initial_model(replace(experiment.model, init=(), sam_checkpoint=None), device)
+        model = initial_model(experiment.model.without_files(), device)
     else:
         model = initial_model(experiment.model, device)
     check_model(experiment, model)
@@ -150,6 +151,8 @@ def initial_model(config: ModelConfig, device: str = "cpu") -> Model:
     model = build(config.name, config.num_classes or len(SCANNET20), **options)
     if config.sam_checkpoint:
         load_sam(model, config.sam_checkpoint, config.sam_decoder)
+    if config.semantic_encoder:
+        load_encoder(model, config.semantic_encoder)
     for name in config.init:
         anew = load_into(model, name)
         if anew:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from mvsam.data.stream import DataConfig
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment, ModelConfig
+from mvsam.experiments.rows import Budget, RowRun, rooms_runs, scannet_runs
 from mvsam.training.losses import JointLoss
 from mvsam.training.module import TrainConfig
 from mvsam.training.optim import OptimizerConfig
@@ -110,16 +111,16 @@ _RUNS = (
         about="CasMVSNet on the samples of `tiny_half`, at equal steps.",
         model=ModelConfig("cas_mvsnet"),
     ),
-    Experiment(
-        name="base_scannet",
-        about="The paper's full model with its own settings; needs ScanNet and SAM's weights. Not "
-        "run here.",
-        model=ModelConfig("base", tuned_blocks=3, sam_checkpoint="sam_vit_b_01ec64.pth"),
-        data=DataConfig(train="scannet/train", val="scannet/val", workers=4),
-        optimizer=OptimizerConfig(steps=86_324 * 16 // 8),
-    ),
 )
-RUNS = {run.name: run for run in _RUNS}
+BUDGETS: dict[Budget, dict[str, RowRun]] = {
+    "rooms": rooms_runs(_CLASS_WEIGHTS),
+    "scannet": scannet_runs(),
+}
+"""The rows of the tables, by name."""
+
+RUNS = {run.name: run for run in _RUNS} | {
+    run.experiment.name: run.experiment for rows in BUDGETS.values() for run in rows.values()
+}
 
 
 def find_run(name: str) -> Experiment:

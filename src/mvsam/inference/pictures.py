@@ -34,11 +34,22 @@ def depth_picture(
     The nearest and farthest two percent share the end colours, so that outliers do not flatten
     the rest.
     """
+    return depth_colors(depth, *depth_limits(depth))
+
+
+def depth_limits(depth: Float[np.ndarray, "height width"]) -> tuple[float, float]:
+    """(farthest, nearest) inverse depth, one a metre, without the outer two percent at each end."""
+    known = depth[depth > 0]
+    farthest, nearest = np.percentile(1 / known, (2, 98)) if known.size else (0.0, 1.0)
+    return float(farthest), float(nearest)
+
+
+def depth_colors(
+    depth: Float[np.ndarray, "height width"], farthest: float, nearest: float
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Colours between two inverse depths, those of the ends beyond them; unknown is black."""
     known = depth > 0
-    if not known.any():
-        return np.zeros((*depth.shape, 3), np.uint8)
     inverse = 1 / np.where(known, depth, 1)
-    farthest, nearest = np.percentile(inverse[known], (2, 98))
     position = (nearest - inverse) / max(nearest - farthest, 1e-9)
     stops = np.linspace(0, 1, len(NEAR_TO_FAR))
     channels = [np.interp(position, stops, channel) for channel in NEAR_TO_FAR.T]

@@ -4,7 +4,16 @@ No file can run code: `.safetensors` holds numbers only, `.pth` and `.ckpt` are 
 `weights_only=True`.
 """
 
-from mvsam.weights.files import ASSETS, embedded, from_pretrained, load, load_into, locate, save
+from mvsam.weights.files import (
+    ASSETS,
+    embedded,
+    from_pretrained,
+    load,
+    load_encoder,
+    load_into,
+    locate,
+    save,
+)
 from mvsam.weights.hub import push_to_hub
 from mvsam.weights.page import HUB_PAGE, HUB_WEIGHTS, RUN_PAGE, WeightsInfo, read_info
 from mvsam.weights.sam import load_sam
@@ -21,6 +30,7 @@ __all__ = [
     "from_pretrained",
     "layout_channels_last",
     "load",
+    "load_encoder",
     "load_into",
     "load_sam",
     "locate",

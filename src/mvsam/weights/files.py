@@ -34,8 +34,9 @@ def load(name: str) -> Model:
     path, page = locate(name)
     info = read_info(page)
     # Nothing is to be tuned: frozen blocks need no gradient.
-    has_option = "tuned_blocks" in signature(model_spec(info.model).build).parameters
-    model = build(info.model, info.num_classes, **({"tuned_blocks": 0} if has_option else {}))
+    option = signature(model_spec(info.model).build).parameters.get("tuned_blocks")
+    has_frozen = option is not None and option.default is not None
+    model = build(info.model, info.num_classes, **({"tuned_blocks": 0} if has_frozen else {}))
     load_strictly(model, read_tensors(path), path)
     model.info, model.input_size, model.semantic_size = info, info.input_size, info.semantic_size
     model.weights_hash = file_hash(path)
@@ -103,6 +104,20 @@ def save(
     content = safetensors.torch.save(tensors)
     write_whole(path, lambda file: file.write(content))
     write_json(path.with_suffix(".json"), asdict(info))
+
+
+def load_encoder(model: Model, name: str) -> None:
+    """Starts the semantic encoder of `model` from that of other weights, and nothing else of it.
+
+    InputError where either has none, or theirs is of another size.
+    """
+    encoder, (path, _) = getattr(model, "semantic_encoder", None), locate(name)
+    if encoder is None:
+        raise InputError(f"this model has no semantic encoder to begin with {path}.")
+    prefix = "semantic_encoder."
+    given = read_tensors(path)
+    inside = {k.removeprefix(prefix): v for k, v in given.items() if k.startswith(prefix)}
+    load_strictly(encoder, inside, path)
 
 
 def load_into(model: nn.Module, name: str) -> list[str]:

@@ -1,0 +1,89 @@
+"""What the paper claims with its tables, and whether the measured rows bear it out."""
+
+from dataclasses import dataclass
+from math import hypot
+from pathlib import Path
+
+from mvsam.experiments.results import Measured, read_measured
+from mvsam.experiments.rows import RowRun
+from mvsam.experiments.tables import TABLES
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One row is better than another; of depth the error is compared, of labels the mIoU."""
+
+    sentence: str
+    better: str
+    worse: str
+    metric: str = "abs"
+
+
+CLAIMS = (
+    Claim("SAM's features lower the depth error", "mvs_sam", "cas_mvsnet"),
+    Claim("a U-Net's features lower the depth error", "mvs_unet", "cas_mvsnet"),
+    Claim("SAM's features lower it further than a U-Net's", "mvs_sam", "mvs_unet"),
+    Claim("training both tasks lowers it again", "base", "mvs_sam"),
+    Claim("it does so through SAM->MVS", "base", "base_no_bridge"),
+    Claim("five views beat three", "base_5_views", "base"),
+    Claim("several views beat one by a wide margin", "base", "mtan"),
+    Claim("the depth prompt raises mIoU", "base", "sam_tuned", "miou"),
+    Claim("the transformer decoder beats the convolutional one", "sam_frozen", "sam_conv", "miou"),
+    Claim("tuning the encoder raises mIoU", "sam_tuned", "sam_frozen", "miou"),
+    Claim("true depth as prompt is the ceiling", "sam_tuned_gt_depth", "base", "miou"),
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the measured rows say of a claim."""
+
+    claim: Claim
+    published: float
+    """By how much the better row is better, metres or a fraction of 1."""
+    measured: float | None = None
+    """None where a row is missing or had too few pictures."""
+    spread: float | None = None
+    """Standard deviation of that difference between two single runs; None with one seed each."""
+    obstacle: str = ""
+    """Why there is no verdict."""
+
+    @property
+    def text(self) -> str:
+        if self.measured is None:
+            return self.obstacle
+        if abs(self.measured) <= (self.spread or 0.0):
+            return "undecided: within the spread of the seeds"
+        verdict = "holds" if self.measured > 0 else "does not hold"
+        return verdict if self.spread is not None else f"{verdict}, with one seed"
+
+
+def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
+    """The verdict of the results in a folder."""
+    published = _gain(
+        claim, published_score(claim.better, claim), published_score(claim.worse, claim)
+    )
+    measured: list[Measured] = []
+    for name in (claim.better, claim.worse):
+        row = read_measured(folder, runs[name])
+        if row is None:
+            return Verdict(claim, published, obstacle=f"open: {name} is missing")
+        if row.pictures < runs[name].enough:
+            return Verdict(claim, published, obstacle=f"open: {name} is not converged")
+        measured.append(row)
+    means = [row.means[claim.metric] for row in measured]
+    deviations = [row.deviations[claim.metric] for row in measured]
+    known = [deviation for deviation in deviations if deviation is not None]
+    better, worse = means
+    assert better is not None and worse is not None, "claims are about tasks that both rows have"
+    return Verdict(claim, published, _gain(claim, better, worse), hypot(*known) if known else None)
+
+
+def _gain(claim: Claim, better: float, worse: float) -> float:
+    return better - worse if claim.metric == "miou" else worse - better
+
+
+def published_score(run: str, claim: Claim) -> float:
+    """Of the first table that has it."""
+    rows = [row for table in TABLES.values() for row in table.rows if row.run == run]
+    return next(row.published[claim.metric] for row in rows if claim.metric in row.published)

@@ -1,0 +1,119 @@
+"""Measured rows on disk, `results/runs/RUN-SEED.json`, and what several seeds say together."""
+
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import mean, stdev
+from typing import Any
+
+from mvsam.errors import InputError
+from mvsam.experiments.rows import RowRun
+from mvsam.experiments.tables import METRICS
+from mvsam.files import write_json
+from mvsam.provenance import provenance
+
+log = logging.getLogger("mvsam")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What training a row with one seed gave."""
+
+    run: str
+    seed: int
+    data: str
+    protocol: str
+    views: int
+    steps: int
+    pictures: int
+    """References with their truth that it learned from."""
+    weights: str
+    """What it began with: random, or names of weights."""
+    scores: dict[str, Any]
+    """As `mvsam eval --json`, without the single scenes."""
+    train_seconds: float | None = None
+    """None where training was interrupted."""
+    experiment: dict[str, Any] = field(default_factory=dict)
+    """Every setting."""
+
+
+def result_path(folder: Path, run: str, seed: int) -> Path:
+    return folder / f"{run}-{seed}.json"
+
+
+def write_result(folder: Path, result: Result) -> Path:
+    """Writes it with the command, commit, versions and device; returns the path."""
+    path = result_path(folder, result.run, result.seed)
+    write_json(path, {**asdict(result), **provenance()})
+    return path
+
+
+def read_result(path: Path) -> Result:
+    """InputError where the file is none of ours."""
+    try:
+        content = json.loads(path.read_text())
+        result = Result(**{name: content[name] for name in Result.__dataclass_fields__})
+        if set(METRICS) - set(result.scores):
+            raise KeyError("scores")
+        return result
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path} is not the result of a row ({type(error).__name__}: {error}); remove it and "
+            "train the row again."
+        ) from error
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A row as it was measured, over its seeds."""
+
+    seeds: tuple[int, ...]
+    steps: int
+    pictures: int
+    weights: str
+    means: dict[str, float | None]
+    """By metric; None where the method lacks the task."""
+    deviations: dict[str, float | None]
+    """Sample standard deviation over the seeds; None for one seed."""
+
+
+def read_measured(folder: Path, run: RowRun) -> Measured | None:
+    """The seeds that were trained longest; None where there is none.
+
+    Scores on other data or under another protocol than the row's do not count.
+    """
+    name = run.experiment.name
+    paths = sorted(folder.glob(f"{name}-*.json"))
+    found = [result for path in paths if _fits(result := read_result(path), run, path)]
+    if not found:
+        return None
+    longest = max(result.pictures for result in found)
+    return together([result for result in found if result.pictures == longest])
+
+
+def _fits(result: Result, run: RowRun, path: Path) -> bool:
+    expected = (run.experiment.name, run.scored_on, run.protocol, run.views)
+    if (result.run, result.data, result.protocol, result.views) == expected:
+        return True
+    log.warning("%s: was scored on other data or otherwise than the row is; it is left out.", path)
+    return False
+
+
+def together(results: Sequence[Result]) -> Measured:
+    """Mean and deviation of equally long trainings."""
+    first = results[0]
+    values = {name: [result.scores[name] for result in results] for name in METRICS}
+    has_task = {name: None not in scores for name, scores in values.items()}
+    return Measured(
+        seeds=tuple(result.seed for result in results),
+        steps=first.steps,
+        pictures=first.pictures,
+        weights=first.weights,
+        means={name: mean(scores) if has_task[name] else None for name, scores in values.items()},
+        deviations={
+            name: stdev(scores) if has_task[name] and len(scores) > 1 else None
+            for name, scores in values.items()
+        },
+    )

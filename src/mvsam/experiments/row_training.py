@@ -1,0 +1,213 @@
+"""One row of the tables, trained and scored: what is done is not done again."""
+
+import fcntl
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mvsam.convolution import fold_batch_norm
+from mvsam.data.catalog import open_data
+from mvsam.data.dataset import TupleDataset
+from mvsam.errors import InputError
+from mvsam.evaluation.evaluate import evaluate
+from mvsam.evaluation.protocols import PROTOCOLS
+from mvsam.experiments.config import Experiment, ModelConfig
+from mvsam.experiments.driver import LAST, device_of, train
+from mvsam.experiments.results import Result, read_result, result_path, write_result
+from mvsam.experiments.rows import RowRun, pictures_of
+from mvsam.experiments.runs import RUNS
+from mvsam.precision import autocast
+from mvsam.weights import load, read_info
+
+Progress = Callable[[int, int], None]
+"""Called with the number of photos scored so far, and of all."""
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Where rows are kept."""
+
+    runs: Path = Path("runs")
+    """A folder of checkpoints and weights for each seed of a row."""
+    results: Path = Path("results/runs")
+    """A JSON file for each."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One seed of one row."""
+
+    run: RowRun
+    seed: int
+    steps: int
+    accelerator: str = "auto"
+
+    @property
+    def name(self) -> str:
+        return f"{self.run.experiment.name}-{self.seed}"
+
+    @property
+    def experiment(self) -> Experiment:
+        whole = self.run.experiment
+        return replace(
+            whole,
+            optimizer=replace(whole.optimizer, steps=self.steps),
+            train=replace(whole.train, seed=self.seed),
+        )
+
+
+def jobs_of(
+    rows: Sequence[str],
+    runs: dict[str, RowRun],
+    steps: int | None = None,
+    seeds: int | None = None,
+    accelerator: str = "auto",
+) -> list[Job]:
+    """The trainings that these rows ask for, each once and after those it begins with.
+
+    steps, seeds: the same for every row, as on a GPU; None: each row's own. A row that another
+    begins with is needed with its first seed alone.
+    """
+    jobs: dict[str, Job] = {}
+    for name in rows:
+        run, numbers = runs[name], range(seeds) if seeds else runs[name].seeds
+        needed = [(runs[run.row.after], (0,))] if run.row.after else []
+        for each, its_seeds in (*needed, (run, numbers)):
+            for seed in its_seeds:
+                length = steps or each.experiment.optimizer.steps
+                job = Job(each, seed, length, accelerator)
+                jobs.setdefault(job.name, job)
+    return list(jobs.values())
+
+
+def is_done(job: Job, folders: Folders) -> bool:
+    """Whether there is a result of so many steps, or more."""
+    path = result_path(folders.results, job.run.experiment.name, job.seed)
+    return path.exists() and read_result(path).steps >= job.steps
+
+
+@contextmanager
+def claim(job: Job, folders: Folders) -> Iterator[bool]:
+    """True inside where no other process of this machine is at the job; a killed one lets go."""
+    folders.runs.mkdir(parents=True, exist_ok=True)
+    with (folders.runs / f".{job.name}.claimed").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        yield True
+
+
+def train_and_score(
+    job: Job, folders: Folders, progress: Progress | None = None, shows_training: bool = True
+) -> Path:
+    """Trains a row with one seed, or goes on with it, then scores it; returns the result's path."""
+    check_beginning(job.experiment.model)
+    folder = folders.runs / job.name
+    weights, seconds = folder / "model.safetensors", None
+    if not _is_trained(weights, job.steps):
+        was_begun, start = (folder / LAST).exists(), time.perf_counter()
+        train(job.experiment, folder, accelerator=job.accelerator, progress=shows_training)
+        seconds = None if was_begun else time.perf_counter() - start
+    scores = score(weights, job, progress)
+    (folder / LAST).unlink(missing_ok=True)  # three times the weights, and never needed again
+    result = _result(job, read_info(weights.with_suffix(".json")).training, scores, seconds)
+    return write_result(folders.results, result)
+
+
+def train_jobs(
+    jobs: Sequence[Job], folders: Folders, announce: Callable[[str], None], progress: Progress
+) -> list[Job]:
+    """Does what is left of the jobs, in their order; returns those that another process is at."""
+    elsewhere: list[Job] = []
+    for number, job in enumerate(jobs, start=1):
+        place = f"{number} of {len(jobs)}: {job.name}"
+        if is_done(job, folders):
+            announce(f"{place} is done")
+            continue
+        with claim(job, folders) as is_ours:
+            begins_with = job.run.row.after
+            if not is_ours or begins_with in {other.run.row.name for other in elsewhere}:
+                announce(f"{place} is left to another process")
+                elsewhere.append(job)
+                continue
+            announce(f"{place}, {job.steps} steps")
+            train_and_score(job, folders, progress)
+    return elsewhere
+
+
+def check_beginning(config: ModelConfig) -> None:
+    """InputError where weights that the model begins with are still to be made or fetched."""
+    for path in (config.semantic_encoder, config.sam_checkpoint, *config.init):
+        if path is None or Path(path).suffix not in (".safetensors", ".pth") or Path(path).exists():
+            continue
+        run = Path(path).parent.name
+        if path.endswith(".pth"):
+            remedy = "fetch it from the segment-anything project's page"
+        elif run in RUNS:
+            remedy = f"`mvsam train {run}` makes it"
+        else:
+            remedy = "`mvsam table 4 --train` makes it"
+        raise InputError(f"{path} is missing, which {config.name} begins with: {remedy}.")
+
+
+def _is_trained(weights: Path, steps: int) -> bool:
+    page = weights.with_suffix(".json")
+    if not (weights.exists() and page.exists()):
+        return False
+    return json.loads(page.read_text())["training"].get("steps", 0) >= steps
+
+
+def score(weights: Path, job: Job, progress: Progress | None = None) -> dict:
+    """Scores of a row's weights, as `mvsam eval` gives them, without the single scenes."""
+    run, protocol = job.run, PROTOCOLS[job.run.protocol]
+    device = device_of(job.accelerator)
+    model = load(str(weights)).to(device)
+    samples = TupleDataset(
+        open_data(run.scored_on, cache=run.experiment.data.cache),
+        run.views,
+        protocol.size,
+        protocol.depth_range,
+        protocol.tuples_per_scene,
+        model.semantic_size,
+    )
+    count = len(samples)
+    with autocast(device):
+        scores = evaluate(
+            fold_batch_norm(model),
+            (samples[index] for index in range(count)),
+            protocol,
+            (lambda done: progress(done, count)) if progress else None,
+        ).as_json()
+    return {name: value for name, value in scores.items() if name != "scenes"}
+
+
+def _result(job: Job, training: dict, scores: dict, seconds: float | None) -> Result:
+    run = job.run
+    return Result(
+        run=run.experiment.name,
+        seed=job.seed,
+        data=run.scored_on,
+        protocol=run.protocol,
+        views=run.views,
+        steps=training["steps"],
+        pictures=pictures_of(job.experiment, training["steps"]),
+        weights=first_weights(job.experiment.model, training.get("backbone_weights", "random")),
+        scores=scores,
+        train_seconds=seconds,
+        experiment=job.experiment.as_json(),
+    )
+
+
+def first_weights(config: ModelConfig, backbone: str) -> str:
+    """What a model began with, in a few words: names of runs and files, else "random"."""
+    given = [config.semantic_encoder, config.sam_checkpoint, *config.init]
+    paths = [Path(path) for path in given if path]
+    names = [path.parent.name if path.stem == "model" else path.stem for path in paths]
+    if backbone != "random":
+        names.append(backbone)
+    return " + ".join(names) or "random"

@@ -1,0 +1,216 @@
+"""Every row of Tables 1 to 5 as a run, under two budgets: the paper's on ScanNet, ours on rooms.
+
+A row is one method of the paper. `scannet` trains it as the paper says, at the paper's size.
+`rooms` trains all rows on the same procedural rooms at 160x128, those with SAM in the sizes of
+`tiny`; the rows that the paper's claims rest on for as long as it takes, the others for an eighth
+of that, which says that they run and no more.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from mvsam.data.stream import DataConfig
+from mvsam.experiments import recipes
+from mvsam.experiments.config import Experiment, ModelConfig
+from mvsam.experiments.recipes import Recipe
+from mvsam.training.module import TrainConfig
+
+Budget = Literal["rooms", "scannet"]
+
+TRIPLETS = 86_324
+"""Training samples of the paper's split of ScanNet, which is MVS2D's."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method of the tables and what it is trained as under each budget."""
+
+    name: str
+    recipe: Recipe
+    scannet: ModelConfig
+    rooms: ModelConfig
+    views: int = 1
+    """How many it looks at."""
+    seeds: int = 1
+    """Under `rooms`: three where a claim of the paper rests on the row."""
+    is_long: bool = False
+    """Under `rooms`: trained for long enough to be compared."""
+    official_split: bool = False
+    """On ScanNet: the benchmark's split (Table 3), not MVS2D's."""
+    after: str | None = None
+    """The row whose weights it begins with."""
+
+
+@dataclass(frozen=True)
+class RowRun:
+    """One row under one budget: what is trained, for which seeds, and what it is scored on."""
+
+    row: Row
+    experiment: Experiment
+    seeds: tuple[int, ...]
+    scored_on: str
+    protocol: str
+    views: int
+    """Photos of a tuple when it is scored; methods of one picture look at the first."""
+    enough: int
+    """Pictures it must have been trained on to carry a claim."""
+
+
+_SAM, _SEMANTIC = "sam_vit_b_01ec64.pth", "runs/tiny_semantic/model.safetensors"
+
+
+def _ready_made(name: str, recipe: Recipe, *, has_imagenet: bool = True, **settings) -> Row:
+    """A method that is the same network under both budgets."""
+    imagenet = "download" if has_imagenet else None
+    return Row(name, recipe, ModelConfig(name, imagenet=imagenet), ModelConfig(name), **settings)
+
+
+def _with_sam(
+    name: str, model: str, tiny: str, tuned_blocks: int, recipe: Recipe = recipes.PAPER, **settings
+) -> Row:
+    """SAM's ViT-B with its weights, or `tiny`'s with those of the run `tiny_semantic`."""
+    return Row(
+        name,
+        recipe,
+        ModelConfig(model, tuned_blocks=tuned_blocks, sam_checkpoint=_SAM),
+        ModelConfig(tiny, tuned_blocks=tuned_blocks, semantic_encoder=_SEMANTIC),
+        is_long=True,
+        **settings,
+    )
+
+
+_PAPER = recipes.PAPER
+_TABLE_3 = {"official_split": True}
+_ROWS = (
+    _ready_made("mvs2d", recipes.MVS2D, views=3),
+    _ready_made("trans_mvsnet", recipes.TRANS_MVSNET, has_imagenet=False, views=3),
+    Row(
+        "cas_mvsnet",
+        _PAPER,
+        ModelConfig("cas_mvsnet"),
+        ModelConfig("tiny_cas_mvsnet"),
+        views=3,
+        seeds=3,
+        is_long=True,
+    ),
+    replace(_ready_made("unet_r34", recipes.UNET), is_long=True),
+    Row(
+        "mvs_unet",
+        _PAPER,
+        ModelConfig("mvs_unet", init=("runs/unet_r34_scannet-0/model.safetensors",)),
+        ModelConfig("tiny_mvs_unet", init=("runs/unet_r34_rooms-0/model.safetensors",)),
+        views=3,
+        seeds=3,
+        is_long=True,
+        after="unet_r34",
+    ),
+    _with_sam("mvs_sam", "mvs_sam", "tiny_mvs_sam", 0, views=3, seeds=3),
+    _with_sam("base", "base", "tiny", 3, views=3, seeds=3),
+    _with_sam("base_5_views", "base", "tiny", 3, views=5, seeds=3),
+    _ready_made("mt_refinenet", recipes.MT_REFINENET),
+    _ready_made("pad_net", recipes.MULTI_TASK),
+    _ready_made("mti_net", recipes.MULTI_TASK),
+    replace(_ready_made("mtan", recipes.MULTI_TASK), seeds=3, is_long=True),
+    _ready_made("segnet", recipes.SEGNET, **_TABLE_3),
+    _ready_made("deeplab_v2", recipes.DEEPLAB_V2, **_TABLE_3),
+    _ready_made("deeplab_v3", recipes.DEEPLAB_V3, **_TABLE_3),
+    _ready_made("adapnet_pp", recipes.ADAPNET_PP, has_imagenet=False, **_TABLE_3),
+    _ready_made("fusenet", recipes.FUSENET, **_TABLE_3),
+    _ready_made("emsaformer", recipes.EMSAFORMER, has_imagenet=False, **_TABLE_3),
+    _ready_made("ssma", recipes.ADAPNET_PP, has_imagenet=False, **_TABLE_3),
+    _with_sam("base_official", "base", "tiny", 3, views=5, official_split=True),
+    _ready_made("unet_r50", recipes.UNET),
+    _with_sam("sam_conv", "sam_conv", "tiny_sam_conv", 0, seeds=3),
+    _with_sam("sam_frozen", "sam_semantic", "tiny_sam_semantic", 0, seeds=3),
+    _with_sam("sam_tuned", "sam_semantic", "tiny_sam_semantic", 3, seeds=3),
+    _with_sam("sam_frozen_gt_depth", "sam_semantic_gt_depth", "tiny_semantic_gt_depth", 0),
+    _with_sam("sam_tuned_gt_depth", "sam_semantic_gt_depth", "tiny_semantic_gt_depth", 3),
+    _with_sam("base_no_bridge", "base_no_bridge", "tiny_no_bridge", 3, views=3),
+)
+
+_ROOMS_DATA = DataConfig(train="rooms:train:0-1600", size=(160, 128), cache="cache/rooms")
+"""Five frames a room. SAM sees the same small pictures as all others, enlarged."""
+_LONG, _SHORT = 400, 50
+_PICTURES_A_STEP = 12
+"""Of one view twelve rooms, of several four with three references each."""
+
+
+def rooms_runs(class_weights: tuple[float, ...]) -> dict[str, RowRun]:
+    """By row. Rare classes weigh more in every row that has classes: their rarity is the data's."""
+    runs = {row.name: _rooms_run(row, class_weights) for row in _ROWS}
+    return runs | {"base_official": runs["base_5_views"]}  # rooms have one split
+
+
+def _rooms_run(row: Row, class_weights: tuple[float, ...]) -> RowRun:
+    recipe = row.recipe.with_class_weights(class_weights)
+    references = min(row.views, 3)
+    steps = _LONG if row.is_long else _SHORT
+    data = replace(
+        _ROOMS_DATA,
+        num_views=row.views,
+        references=references,
+        mirror=recipe.mirror,
+        color_jitter=recipe.color_jitter,
+    )
+    experiment = Experiment(
+        name=f"{row.name}_rooms",
+        about=f"Row `{row.name}` of the tables on procedural rooms; `mvsam table` has its scores.",
+        model=row.rooms,
+        data=data,
+        loss=recipe.loss,
+        optimizer=replace(recipe.optimizer, steps=steps),
+        train=TrainConfig(
+            batch_size=_PICTURES_A_STEP // references, val_every=_SHORT, checkpoint_every=25
+        ),
+    )
+    return RowRun(
+        row,
+        experiment,
+        seeds=tuple(range(row.seeds)),
+        scored_on="rooms:test:0-60",
+        protocol="half",
+        views=max(3, row.views),
+        enough=_LONG * _PICTURES_A_STEP,
+    )
+
+
+def scannet_runs() -> dict[str, RowRun]:
+    """By row, with one seed as in the paper. None was run here: they need ScanNet."""
+    return {row.name: _scannet_run(row) for row in _ROWS}
+
+
+def _scannet_run(row: Row) -> RowRun:
+    recipe = row.recipe
+    folder = "scannet_official" if row.official_split else "scannet"
+    steps = TRIPLETS * recipe.epochs // recipe.batch_size
+    experiment = Experiment(
+        name=f"{row.name}_scannet",
+        about=f"Row `{row.name}` of the tables with its published settings; needs ScanNet. Not run "
+        "here.",
+        model=row.scannet,
+        data=DataConfig(
+            train=f"{folder}/train",
+            val=f"{folder}/val",
+            num_views=row.views,
+            mirror=recipe.mirror,
+            color_jitter=recipe.color_jitter,
+            workers=4,
+        ),
+        loss=recipe.loss,
+        optimizer=replace(recipe.optimizer, steps=steps),
+        train=TrainConfig(batch_size=recipe.batch_size),
+    )
+    return RowRun(
+        row,
+        experiment,
+        seeds=(0,),
+        scored_on=f"{folder}/val",
+        protocol="paper",
+        views=max(3, row.views),
+        enough=steps * recipe.batch_size,
+    )
+
+
+def pictures_of(experiment: Experiment, steps: int) -> int:
+    """How many references with their truth such a run learns from in so many steps."""
+    return steps * experiment.train.batch_size * experiment.data.references
