@@ -86,6 +86,12 @@ def test_a_wrong_command_line_ends_with_2(arguments: list[str], capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+def test_predict_finds_a_depth_range_by_itself(model: FakeModel, room: str, tmp_path: Path):
+    assert predict(room, tmp_path, "--depth-range", "auto") == 0
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert record["depth_range"] == [0.1, 5.0] and record["arguments"]["depth_range"] == "auto"
+
+
 def test_predict_then_reconstruct(model: FakeModel, room: str, tmp_path: Path, capsys):
     assert predict(room, tmp_path, "--views", "2", "--depth-range", "0.2", "6") == 0
     assert "4 photos predicted" in capsys.readouterr().out

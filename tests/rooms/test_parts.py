@@ -61,7 +61,7 @@ def test_dice_reach_both_ends_and_respect_weights():
     assert sorted(dice.shuffled([1, 2, 3])) == [1, 2, 3]
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("pattern", [name for name in PATTERNS if name != "image"])
 def test_every_pattern_is_a_color_and_calms_down_far_away(pattern):
     material = Material(pattern, (0.6, 0.5, 0.4), (0.1, 0.2, 0.3), 0.1, seed=3.0)
     uv = np.random.default_rng(0).random((4000, 2)).astype(np.float32)
@@ -97,7 +97,7 @@ def test_an_l_shaped_room_has_six_walls():
 def test_holes_are_left_out_of_the_wall():
     wall = outline_walls([(0.0, 0.0, 3.0, 2.0)])[0]
     wall.holes.append((0.5, 1.0, 0.8, 1.8))
-    soup = wall.surface(2.5)
+    soup = wall.surface(0.0, 2.5)
     faces = np.cross(
         soup.corners[:, 1] - soup.corners[:, 0], soup.corners[:, 2] - soup.corners[:, 0]
     )

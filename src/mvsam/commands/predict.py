@@ -33,8 +33,9 @@ class Predict:
     """Name with embedded weights, path of a .safetensors file, or Hugging Face id."""
     views: int = 3
     """Photos that are looked at together: a reference and its best sources, 2 to 8."""
-    depth_range: tuple[float, float] = (0.1, 5.0)
-    """Nearest and farthest depth, metres."""
+    depth_range: tuple[float, float] | Literal["auto"] = (0.1, 5.0)
+    """Nearest and farthest depth, metres; auto: an estimate from the scene's sparse points, where
+    its format has them, or from its poses."""
     references: tuple[str, ...] = ()
     """Names of the photos to predict, without ending; all where none is given."""
     format: str | None = None

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Preview:
-    """One picture of several rooms: photo, depth and labels, a row a room.
+    """One picture of several rooms in a grid: photo, depth and labels of each.
 
     Example: mvsam rooms preview rooms:val:0-8 --out rooms.png
     """
@@ -28,9 +28,11 @@ class Preview:
     """rooms:train, rooms:val or rooms:test, and which of them."""
     out: Path = Path("rooms.png")
     """The picture, .png or .jpg."""
+    assets: Path | None = None
+    """Folder of an asset pack, whose things and surfaces are then among the rooms' own."""
 
     def run(self) -> None:
-        rooms = _rooms(self.data)
+        rooms = _rooms(self.data, self.assets)
         import numpy as np
         from PIL import Image
 
@@ -59,9 +61,11 @@ class Export:
     """rooms:train, rooms:val or rooms:test, and which of them."""
     out: Path
     """Each room becomes a folder in it."""
+    assets: Path | None = None
+    """Folder of an asset pack, whose things and surfaces are then among the rooms' own."""
 
     def run(self) -> None:
-        rooms = _rooms(self.data)
+        rooms = _rooms(self.data, self.assets)
         from mvsam.data.convert import write_posed_folder
         from mvsam.files import writable_folder
 
@@ -86,9 +90,9 @@ class Rooms:
         self.action.run()
 
 
-def _rooms(data: str) -> Sequence[Scene]:
+def _rooms(data: str, assets: Path | None) -> Sequence[Scene]:
     from mvsam.data.catalog import open_data
 
     if not data.startswith("rooms:"):
         raise InputError(f"{data} does not name rooms; write for example rooms:val:0-6.")
-    return open_data(data)
+    return open_data(data, assets=None if assets is None else str(assets))

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,18 +22,20 @@ def open_data(
     cache: str | None = None,
     scale: float = 1.0,
     poses: Poses = "given",
+    assets: str | None = None,
 ) -> Sequence[Scene]:
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
     The end of a part is left out, as in Python's slices. A path is a scene, a folder of scene
     folders, which come sorted by name, or a list of scenes, as ScanNet's scannetv2_val.txt. A
     folder of photos with depth or labels but without poses is a scene for each photo.
-    `room_frames` is the number of frames of each room, `room_size` their (width, height); rooms
-    are rendered once where `cache` names a folder to keep them in (other data lie on a disk
-    already). `scale` is how many metres one unit of a path's poses has; `poses` as `open_scene`.
+    `room_frames` is the number of frames of each room, `room_size` their (width, height), `assets`
+    the folder of an asset pack for them; they are rendered once where `cache` names a folder to
+    keep them in (other data lie on a disk already). `scale` is how many metres one unit of a path's
+    poses has; `poses` as `open_scene`.
     """
     if name.startswith("rooms:"):
-        return _open_rooms(name, room_frames, room_size, cache)
+        return _open_rooms(name, RoomStyle(room_frames, room_size, cache, assets))
     path = Path(name)
     if is_scene_list(name) and not path.is_dir():
         return [open_scene(folder, format, scale) for folder in listed_scenes(path)]
@@ -53,19 +56,32 @@ def scene_folders(path: Path) -> list[Path]:
     return [folder for folder in sorted(path.iterdir()) if folder.is_dir() and find_format(folder)]
 
 
+@dataclass(frozen=True)
+class RoomStyle:
+    """What rooms have in common."""
+
+    num_frames: int = 5
+    size: tuple[int, int] = (320, 256)
+    """(width, height) of the frames, pixels."""
+    cache: str | None = None
+    """Folder to keep rendered rooms in."""
+    assets: str | None = None
+    """Folder of an asset pack."""
+
+    def cache_folder(self, version: int) -> Path | None:
+        """Where the rooms of one version, size and pack lie."""
+        if self.cache is None:
+            return None
+        pack = "" if self.assets is None else f"-{Path(self.assets).resolve().name}"
+        (width, height), frames = self.size, self.num_frames
+        return Path(self.cache) / f"v{version}-{width}x{height}-{frames}frames{pack}"
+
+
 class RoomScenes(Sequence[Scene]):
     """Procedural rooms `first` .. `end` - 1 of a split, each built when it is asked for."""
 
-    def __init__(
-        self,
-        split: str,
-        first: int,
-        end: int,
-        num_frames: int = 5,
-        size: tuple[int, int] = (320, 256),
-        cache: str | None = None,
-    ):
-        self.split, self.num_frames, self.size, self.cache = split, num_frames, size, cache
+    def __init__(self, split: str, first: int, end: int, style: RoomStyle):
+        self.split, self.style = split, style
         self._indices = range(first, end)
 
     def __len__(self) -> int:
@@ -74,23 +90,19 @@ class RoomScenes(Sequence[Scene]):
     def __getitem__(self, position):
         if isinstance(position, slice):
             return [self[index] for index in range(*position.indices(len(self)))]
-        return _room(self.split, self._indices[position], self.num_frames, self.size, self.cache)
+        return _room(self.split, self._indices[position], self.style)
 
 
 @lru_cache(maxsize=4)  # tuples of one room are usually read one after the other
-def _room(
-    split: str, index: int, num_frames: int, size: tuple[int, int], cache: str | None
-) -> Scene:
+def _room(split: str, index: int, style: RoomStyle) -> Scene:
     from mvsam import rooms  # needs the extra `rooms`, which reading folders does not
 
-    scene = rooms.scene(split, index, num_frames, *size)
-    if cache is None:
-        return scene
-    kind = f"v{rooms.VERSION}-{size[0]}x{size[1]}-{num_frames}frames"
-    return cached_scene(scene, Path(cache) / kind)
+    scene = rooms.scene(split, index, style.num_frames, *style.size, assets=style.assets)
+    folder = style.cache_folder(rooms.VERSION)
+    return scene if folder is None else cached_scene(scene, folder)
 
 
-def _open_rooms(name: str, num_frames: int, size: tuple[int, int], cache: str | None) -> RoomScenes:
+def _open_rooms(name: str, style: RoomStyle) -> RoomScenes:
     from mvsam import rooms
 
     match = re.fullmatch(r"rooms:(\w+)(?::(\d+)-(\d+))?", name)
@@ -103,10 +115,10 @@ def _open_rooms(name: str, num_frames: int, size: tuple[int, int], cache: str | 
     if match[2] is None:
         if count is None:
             raise InputError(f"{name}: this split has no end; name a part, as {name}:0-100.")
-        return RoomScenes(split, 0, count, num_frames, size, cache)
+        return RoomScenes(split, 0, count, style)
     first, end = int(match[2]), int(match[3])
     if first >= end:
         raise InputError(f"{name}: the part is empty; its end must be larger than its first.")
     if count is not None and end > count:
         raise InputError(f"{name}: this split has {count} scenes; end at {count} or before.")
-    return RoomScenes(split, first, end, num_frames, size, cache)
+    return RoomScenes(split, first, end, style)

@@ -56,6 +56,8 @@ class DataConfig:
     least `num_views`."""
     cache: str | None = None
     """Folder for rendered rooms (about 0.5 MB a frame); none: render anew every time."""
+    assets: str | None = None
+    """Folder of an asset pack, whose things and surfaces then occur in the rooms to train on."""
     mirror: bool = False
     """Show every other sample, drawn at random, as in a mirror (all its views, exact cameras)."""
     color_jitter: float = 0.0
@@ -98,6 +100,7 @@ class SampleStream(Dataset[TrainingSample]):
             room_frames=config.room_frames,
             room_size=config.semantic_size or config.size,
             cache=config.cache,
+            assets=config.assets,
         )
         self._singles = None if config.singles is None else SingleStream(config, seed)
         self._tuples: dict[int, list[tuple[int, ...]]] = {}

@@ -86,8 +86,8 @@ _RUNS = (
         model=ModelConfig("tiny", init=("runs/tiny_half/model.safetensors",)),
         data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=420, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=140, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=4e-4, steps=300, gradient_clip=1.0),
+        train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
         name="tiny_nyu",

@@ -8,6 +8,7 @@ import numpy as np
 from torch import nn
 
 from mvsam.data.checks import check_intrinsics, check_pose
+from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, estimate_depth_range
 from mvsam.errors import InputError
 from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.session import Session
@@ -23,7 +24,7 @@ def predict(
     images: Sequence[Any],
     intrinsics: Sequence[Any],
     world_from_cam: Sequence[Any],
-    depth_range: tuple[float, float] = (0.1, 5.0),
+    depth_range: DepthRangeOrAuto = (0.1, 5.0),
     references: Sequence[int] | None = None,
     precision: Precision = "auto",
 ) -> list[PhotoPrediction]:
@@ -32,7 +33,8 @@ def predict(
     `images` are 2 to 8 photos of one place, H x W x 3 uint8 RGB, of any sizes. `intrinsics` are
     3x3 as OpenCV calibrates them (centre of the first pixel at (0, 0)), for the photos as given.
     `world_from_cam` are 4x4 camera-to-world, metres, axes x right, y down, z forward.
-    `depth_range` is (nearest, farthest) in metres. `references` are indices of photos; all by
+    `depth_range` is (nearest, farthest) in metres, or "auto": an estimate from the poses
+    (`data.depth_range`). `references` are indices of photos; all by
     default. Each reference is seen together with all other photos. `precision` auto takes bfloat16
     where the processor or the GPU multiplies it natively.
 
@@ -48,9 +50,9 @@ def predict(
             f"{len(images)} photos were given; give 2 to {MOST_VIEWS} that overlap, "
             "or a whole scene to predict_scene."
         )
-    check_depth_range(depth_range)
     photos = zip(images, intrinsics, world_from_cam, strict=True)
     frames = [_frame(f"photo {index}", *photo) for index, photo in enumerate(photos)]
+    depth_range = resolved_depth_range(depth_range, frames)
     chosen = range(len(frames)) if references is None else references
     for reference in chosen:
         if reference not in range(len(frames)):
@@ -61,6 +63,16 @@ def predict(
     tuples = [[frames[r], *frames[:r], *frames[r + 1 :]] for r in chosen]
     with Session(model, depth_range, precision=precision) as session:
         return list(session.predict_all(tuples))
+
+
+def resolved_depth_range(
+    depth_range: DepthRangeOrAuto, frames: Sequence[Frame], points: np.ndarray | None = None
+) -> DepthRange:
+    """The range in metres; "auto" is estimated from the scene's points or its poses."""
+    if depth_range == "auto":
+        return estimate_depth_range(frames, points)
+    check_depth_range(depth_range)
+    return depth_range
 
 
 def check_depth_range(depth_range: tuple[float, float]) -> None:

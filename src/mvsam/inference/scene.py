@@ -9,6 +9,7 @@ from typing import Any
 
 from torch import nn
 
+from mvsam.data.depth_range import DepthRangeOrAuto
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.data.pose_check import pose_convention_hint
 from mvsam.data.sampling import ViewTuple, view_tuples
@@ -17,7 +18,7 @@ from mvsam.evaluation.evaluate import Scores
 from mvsam.files import write_json
 from mvsam.inference.limits import REMEMBERED_PHOTOS, count_needs, photos_within
 from mvsam.inference.outputs import OutputFolder, PhotoPrediction
-from mvsam.inference.photos import MOST_VIEWS, check_depth_range
+from mvsam.inference.photos import MOST_VIEWS, resolved_depth_range
 from mvsam.inference.record import (
     check_same_run,
     describe_cost,
@@ -52,7 +53,7 @@ def predict_scene(
     scene: Scene,
     out: str | Path,
     num_views: int = 3,
-    depth_range: tuple[float, float] = (0.1, 5.0),
+    depth_range: DepthRangeOrAuto = (0.1, 5.0),
     references: Sequence[str] | None = None,
     overwrite: bool = False,
     save_npz: bool = False,
@@ -64,20 +65,22 @@ def predict_scene(
     """Writes depth, confidence and labels of a scene's photos into the folder `out`.
 
     Each reference is seen together with its `num_views` - 1 best sources; `references` are names
-    of photos, all by default. Photos that are done are kept unless `overwrite`. `save_npz` adds
-    float32 depth. `precision` auto takes bfloat16 where the processor or the GPU multiplies it
-    natively. `max_memory` are the bytes this process may come to hold where the model is (RAM or
-    GPU); with less, fewer photos are remembered, so it takes longer. It is an estimate
-    (`limits.count_needs`), not a guarantee. `arguments` are recorded in `run.json` as they are.
+    of photos, all by default. `depth_range` is metres, or "auto": an estimate from the scene's
+    sparse points (`scene.points`, where it has them) or its poses. Photos that are done are kept
+    unless `overwrite`. `save_npz` adds float32 depth. `precision` auto takes bfloat16 where the
+    processor or the GPU multiplies it natively. `max_memory` are the bytes this process may come to
+    hold where the model is (RAM or GPU); with less, fewer photos are remembered, so it takes
+    longer. It is an estimate (`limits.count_needs`), not a guarantee. `arguments` are recorded in
+    `run.json` as they are.
     `on_photo(done, total, name)` is called after each photo.
 
     What exists in `out` is whole at any time; after an interruption the next call goes on.
     Raises `InputError` for bad input and `DiskFullError`.
     """
-    check_depth_range(depth_range)
     if not 2 <= num_views <= MOST_VIEWS:
         raise InputError(f"{num_views} views for a prediction: ask for 2 to {MOST_VIEWS}.")
     frames = [scene.frame(index) for index in range(len(scene))]
+    depth_range = resolved_depth_range(depth_range, frames, getattr(scene, "points", None))
     tuples, skipped = _chosen_tuples(scene, frames, num_views, depth_range, references)
     for name in skipped:
         log.warning("%s: no other photo overlaps it; it is skipped.", name)

@@ -15,18 +15,29 @@ CLEARANCE = 0.4
 """No surface comes closer to the camera, metres."""
 
 
-def intrinsics(dice: Dice, width: int, height: int) -> Float[np.ndarray, "3 3"]:
-    """A colour camera of a depth sensor, 640 x 480, squeezed to the wanted size.
+_FRAMES = (
+    (0.5, 640, 480, 0.74, 1.08),
+    (0.12, 640, 360, 0.68, 0.98),
+    (0.08, 640, 360, 0.8, 0.84),
+    (0.1, 600, 400, 0.62, 0.95),
+    (0.13, 480, 640, 0.7, 1.0),
+    (0.07, 360, 640, 0.72, 0.95),
+)
+"""Share, width, height, and the focal length from .. to in longer sides: colour cameras of depth
+sensors (ICL-NUIM .75, Kinect .82, ScanNet .9), phones' films, HoloLens, cameras, phones upright."""
 
-    From ICL-NUIM's wide 480 over Kinects and ScanNet's 578 to a phone's 690 pixels.
-    """
-    focal = 577.9 * dice.uniform(0.82, 1.2)
-    centre_x, centre_y = 320 + dice.uniform(-6, 6), 240 + dice.uniform(-6, 6)
-    squeeze_x, squeeze_y = width / 640, height / 480
+
+def intrinsics(dice: Dice, width: int, height: int) -> Float[np.ndarray, "3 3"]:
+    """The whole frame of some usual camera, squeezed to the wanted size as photos are."""
+    chosen = dice.weighted([share for share, *_ in _FRAMES])
+    _, native_width, native_height, shortest, longest = _FRAMES[chosen]
+    focal = max(native_width, native_height) * dice.uniform(shortest, longest)
+    squeeze_x, squeeze_y = width / native_width, height / native_height
+    centre_x, centre_y = (0.5 + dice.uniform(-0.012, 0.012) for _ in range(2))
     return np.array(
         [
-            [focal * squeeze_x, 0, centre_x * squeeze_x],
-            [0, focal * squeeze_y, centre_y * squeeze_y],
+            [focal * squeeze_x, 0, centre_x * width],
+            [0, focal * squeeze_y, centre_y * height],
             [0, 0, 1],
         ]
     )
@@ -149,10 +160,9 @@ def _walk_around(room: Room, dice: Dice, num_frames: int, centre: np.ndarray, st
                 height + dice.uniform(-0.12, 0.12),
             ]
         )
-        yaw, pitch = _bearing(centre - position)
-        yaw, pitch = yaw + dice.uniform(-6, 6), np.clip(pitch + dice.uniform(-6, 6), -65, 10)
+        yaw, pitch = (angle + dice.uniform(-6, 6) for angle in _bearing(centre - position).tolist())
         positions.append(position)
-        angles.append((yaw, float(pitch), dice.uniform(-4, 4)))
+        angles.append((yaw, float(np.clip(pitch, -65, 10)), dice.uniform(-4, 4)))
         bearing += step_deg * dice.uniform(0.7, 1.3)
     return _free_poses(room, positions, angles)
 

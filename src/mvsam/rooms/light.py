@@ -7,7 +7,7 @@ with different phases along surfaces: light varies slowly where paint and grain 
 import numpy as np
 from jaxtyping import Float
 
-from .room import Room
+from .room import Room, row_dot
 
 _LIFT = 1e-3
 """Rays start this far off the surface, metres."""
@@ -38,13 +38,12 @@ def irradiance(
 
 def _from_lamp(room, start, normal, target, light) -> np.ndarray:
     toward = target - start
-    squared = (toward * toward).sum(axis=1)
+    squared = row_dot(toward, toward)
     length = np.sqrt(squared)
-    facing = (toward * normal).sum(axis=1) / length
+    facing = np.maximum(row_dot(toward, normal), 0) / length
     if light.normal.any():
-        facing = facing * np.maximum(-(toward @ light.normal.astype(np.float32)) / length, 0)
-        facing[(toward * normal).sum(axis=1) < 0] = 0
-    amount = np.maximum(facing, 0) / (squared + 0.05)
+        facing *= np.maximum(-(toward @ light.normal.astype(np.float32)) / length, 0)
+    amount = facing / (squared + 0.05)
     lit = np.flatnonzero(amount > 1e-3)
     reach = np.full(len(lit), 0.995, dtype=np.float32)
     shadow = room.blocked(start[lit], toward[lit], reach)
@@ -72,7 +71,10 @@ def _openness(room, start, normal, phase, samples: int) -> np.ndarray:
 
 
 def _tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    helper = np.where(np.abs(normal[:, 2:]) < 0.9, [[0, 0, 1]], [[1, 0, 0]]).astype(np.float32)
-    first = np.cross(normal, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(normal, first)
+    """Two unit vectors that stand on the normals and on each other (Duff et al., JCGT 2017)."""
+    x, y, z = normal.T
+    sign = np.copysign(np.float32(1), z)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = np.column_stack([1 + sign * x * x * a, sign * b, -sign * x])
+    return first, np.column_stack([b, sign + y * y * a, -y])

@@ -11,7 +11,8 @@ Color = tuple[float, float, float]
 
 PATTERNS = (
     "plain", "wood", "planks", "tiles", "carpet", "brick", "stripes", "marble", "weave",
-    "speckle", "painting", "outside", "plaid", "screen", "damask", "rug",
+    "speckle", "painting", "outside", "plaid", "screen", "damask", "rug", "panels", "trellis",
+    "image",
 )  # fmt: skip
 
 
@@ -29,6 +30,9 @@ class Material:
     """0 is matt; 1 reflects like varnish at the Fresnel rate; above 1 more, like metal."""
     emission: float = 0.0
     seed: float = 0.0
+    image: str = ""
+    """Of the pattern `image`: the picture's file; `scale` metres of texture coordinates show it
+    once, and `color` multiplies it."""
 
     def colored(self, color: Color) -> "Material":
         return replace(self, color=color)
@@ -160,10 +164,13 @@ def wall_paint(dice: Dice) -> Material:
         color = vary(dice, dice.pick(STRONG_WALLS), 0.15)
     seed = dice.uniform(0, 50)
     kind = dice.uniform()
-    if kind < 0.6:
+    if kind < 0.56:
         return plain(color, seed=seed)
-    if kind < 0.72:
+    if kind < 0.66:
         return Material("damask", color, shade(color, 0.8), dice.uniform(0.05, 0.3), 0.5, seed=seed)
+    if kind < 0.73:
+        other = shade(color, dice.pick([0.7, 0.85, 1.12]))
+        return Material("trellis", color, other, dice.uniform(0.06, 0.25), 0.8, seed=seed)
     if kind < 0.82:
         return Material(
             "stripes", color, shade(color, 0.85), dice.uniform(0.05, 0.25), 0.8, seed=seed
@@ -174,12 +181,47 @@ def wall_paint(dice: Dice) -> Material:
     return Material("brick", brick, srgb(190, 185, 176), 0.075, 1.0, seed=seed)
 
 
+def ceiling(dice: Dice) -> Material:
+    """Mostly white paint; rough plaster, hung panels or boards in some rooms."""
+    color, seed = vary(dice, srgb(238, 237, 233), 0.05), dice.uniform(0, 50)
+    kind = dice.uniform()
+    if kind < 0.6:
+        return plain(color, seed=seed)
+    if kind < 0.78:
+        scale = dice.uniform(0.006, 0.03)
+        return Material("speckle", color, shade(color, 0.8), scale, 0.6, seed=seed)
+    if kind < 0.93:
+        size = dice.pick([0.5, 0.6, 0.625])
+        return Material(
+            "panels", color, shade(color, dice.uniform(0.45, 0.75)), size, 1.0, seed=seed
+        )
+    boards = color if dice.chance(0.5) else vary(dice, dice.pick(WOODS), 0.15)
+    return Material("planks", boards, shade(boards, 0.75), dice.uniform(0.08, 0.14), 0.8, seed=seed)
+
+
+def panelling(dice: Dice) -> Material:
+    """The lower part of some walls: tiles, boards or a stronger paint."""
+    kind = dice.uniform()
+    if kind < 0.4:
+        return wall_tiles(dice)
+    color = vary(dice, dice.pick(WOODS + [WHITE] * 6 + STRONG_WALLS), 0.12)
+    if kind < 0.75:
+        scale = dice.uniform(0.08, 0.14)
+        return Material(
+            "planks", color, shade(color, 0.75), scale, 0.7, 0.2, seed=dice.uniform(0, 50)
+        )
+    return plain(color, 0.1, seed=dice.uniform(0, 50))
+
+
 def wall_tiles(dice: Dice) -> Material:
     color = vary(dice, dice.pick([
         WHITE, srgb(220, 226, 226), srgb(170, 196, 200), srgb(210, 196, 170), srgb(120, 140, 150),
     ]), 0.08)  # fmt: skip
-    size = dice.pick([0.1, 0.15, 0.2, 0.3])
-    return Material("tiles", color, shade(color, 0.6), size, 0.8, 0.5, seed=dice.uniform(0, 50))
+    size, seed = dice.pick([0.1, 0.15, 0.2, 0.3]), dice.uniform(0, 50)
+    joint = shade(color, dice.pick([0.5, 0.7, 1.15]))
+    if dice.chance(0.3):  # bricks of glazed clay, as in kitchens and stations
+        return Material("brick", color, joint, 0.6 * size, 0.6, 0.5, seed=seed)
+    return Material("tiles", color, joint, size, 0.8, 0.5, seed=seed)
 
 
 def floor(dice: Dice, wet: bool = False) -> Material:

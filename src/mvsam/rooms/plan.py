@@ -34,10 +34,11 @@ class Wall:
         x, y = self.start + along * self.direction + off * self.inward
         return float(x), float(y)
 
-    def surface(self, height: Number) -> Soup:
-        """The wall without its holes; texture coordinates run along the wall and upwards."""
+    def surface(self, bottom: Number, top: Number) -> Soup:
+        """The wall between two heights, without its holes; uv run along the wall and upwards."""
         xs = sorted({0.0, self.length, *(v for a, b, _, _ in self.holes for v in (a, b))})
-        zs = sorted({0.0, height, *(v for _, _, a, b in self.holes for v in (a, b))})
+        heights = (v for _, _, a, b in self.holes for v in (a, b))
+        zs = sorted({bottom, top, *(v for v in heights if bottom < v < top)})
         cells = []
         for a, b in itertools.pairwise(xs):
             for low, high in itertools.pairwise(zs):
@@ -56,7 +57,8 @@ class Plan:
         self.height = height
         self.walls = outline_walls(rectangles)
         self.piece = Piece()
-        self._taken: list[tuple[np.ndarray, np.ndarray]] = []
+        self._taken: list[tuple[np.ndarray, list[float], list[float]]] = []
+        """Boxes: their low corner as reserved, and both corners as plain numbers, for speed."""
 
     def inside(self, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether all four corners of a box stand on the floor."""
@@ -72,25 +74,27 @@ class Plan:
 
     def free(self, low: np.ndarray, high: np.ndarray, over: np.ndarray | None = None) -> bool:
         """Whether a box touches nothing; `over` is the low corner of a reservation to disregard."""
+        x0, y0, z0 = (low + 0.01).tolist()
+        x1, y1, z1 = (high - 0.01).tolist()
         return not any(
-            a is not over and (low < b - 0.01).all() and (high > a + 0.01).all()
-            for a, b in self._taken
-        )
+            corner is not over
+            and x0 < b[0] and y0 < b[1] and z0 < b[2] and x1 > a[0] and y1 > a[1] and z1 > a[2]
+            for corner, a, b in self._taken
+        )  # fmt: skip
 
     def reserve(self, low: np.ndarray, high: np.ndarray) -> None:
-        self._taken.append((low, high))
+        self._taken.append((low, low.tolist(), high.tolist()))
 
     def put(
         self, thing: Piece, angle_deg: Number, x: Number, y: Number, z: Number = 0.0,
         over: np.ndarray | None = None,
     ) -> bool:  # fmt: skip
         """Place a thing where it is given if it fits there; `over` as in `free`."""
-        placed = Piece().place(thing, angle_deg, x, y, z)
-        low, high = placed.bounds()
+        low, high = thing.bounds(angle_deg) + np.array([x, y, z])
         if not self.inside(low, high) or high[2] > self.height or not self.free(low, high, over):
             return False
         self.reserve(low, high)
-        self.piece.place(placed)
+        self.piece.place(thing, angle_deg, x, y, z)
         return True
 
     def at_wall(

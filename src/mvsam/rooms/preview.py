@@ -1,5 +1,6 @@
 """Contact sheets of rooms to look at."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,9 +16,17 @@ def preview_sheet(
     frame: int = 0,
     max_depth: float = 5.0,
 ) -> Image.Image:
-    """One row a scene: photograph, depth (near is warm, `max_depth` metres is dark), labels."""
-    rows = [_preview_row(scene.frame(frame), palette, max_depth) for scene in scenes]
-    return Image.fromarray(np.concatenate(rows, axis=0))
+    """Photograph, depth (near is warm, `max_depth` metres is dark) and labels of each scene.
+
+    The scenes fill a grid that is about as wide as high, row by row; what is left of it is black.
+    """
+    cells = [_preview_row(scene.frame(frame), palette, max_depth) for scene in scenes]
+    height, width = cells[0].shape[:2]
+    columns = max(1, round(math.sqrt(len(cells) * height / width * 4 / 3)))
+    empty = [np.zeros_like(cells[0])] * (-len(cells) % columns)
+    cells += empty
+    rows = [np.hstack(cells[i : i + columns]) for i in range(0, len(cells), columns)]
+    return Image.fromarray(np.vstack(rows))
 
 
 def _preview_row(frame: Frame, palette: np.ndarray, max_depth: float) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from .light import irradiance
-from .room import Hits, Room
+from .room import Hits, Room, row_dot
 from .smoothing import STEP, LightGrid
 from .textures import albedo
 
@@ -119,9 +119,9 @@ def _incoming(room: Room, camera: Camera, seen: _Seen, samples: int) -> np.ndarr
 
 def _mirrored(room: Room, camera: Camera, seen: _Seen, phase: np.ndarray) -> np.ndarray:
     normal = seen.hits.normal
-    along = (seen.directions * normal).sum(axis=1, keepdims=True)
+    along = row_dot(seen.directions, normal)[:, None]
     direction = seen.directions - 2 * along * normal
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction /= np.sqrt(row_dot(direction, direction))[:, None]
     # A polished floor is not a mirror: the pattern of shifts is blurred with the rest.
     direction[:, :2] += 0.05 * (phase - 0.5)
     start = seen.hits.position + normal * np.float32(2e-3)
@@ -147,8 +147,8 @@ def _radiance(room: Room, camera: Camera, grid: LightGrid, seen: _Seen) -> np.nd
 
 def _mirror_share(gloss: np.ndarray, seen: _Seen) -> np.ndarray:
     """Schlick's rule for varnish, stronger for metal (gloss above 1)."""
-    facing = -(seen.directions * seen.hits.normal).sum(axis=1)
-    facing /= np.linalg.norm(seen.directions, axis=1)
+    facing = -row_dot(seen.directions, seen.hits.normal)
+    facing /= np.sqrt(row_dot(seen.directions, seen.directions))
     fresnel = 0.04 + 0.96 * (1 - np.clip(facing, 0, 1)) ** 5
     return np.minimum(gloss * fresnel, np.where(gloss > 4, 0.85, 0.5))
 

@@ -34,8 +34,11 @@ class Piece:
         self.lights += [light.placed(angle_deg, np.array([x, y, z])) for light in other.lights]
         return self
 
-    def bounds(self) -> Float[np.ndarray, "2 3"]:
+    def bounds(self, angle_deg: Number = 0.0) -> Float[np.ndarray, "2 3"]:
+        """(low, high) corner of the box around the piece once it is turned about z."""
         corners = np.concatenate([soup.corners.reshape(-1, 3) for soup, _, _ in self.parts])
+        if angle_deg:
+            corners = corners @ rotation_about("z", angle_deg).T
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 
@@ -95,8 +98,7 @@ class Room:
         )
         self.material = np.repeat([number[m] for _, _, m in piece.parts], sizes)
         self.part = np.repeat(np.arange(len(sizes)), sizes)
-        self._normals = _stack(soups, "normals")
-        self._uv = _stack(soups, "uv")
+        self._shading = _shading_table(soups)
         self._tracer = _build_tracer(self.triangles)
 
     def trace(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
@@ -104,17 +106,14 @@ class Room:
         result = self._tracer.run(origins, directions, output=1)
         triangle = result["primID"]
         assert triangle.min() >= 0, "a ray left the room: it is not closed"
-        first, second = result["u"][:, None], result["v"][:, None]
-        weights = (1 - first - second, first, second)
-        corners, uvs = self._normals[triangle], self._uv[triangle]
-        normal = (
-            weights[0] * corners[:, 0] + weights[1] * corners[:, 1] + weights[2] * corners[:, 2]
-        )
-        uv = weights[0] * uvs[:, 0] + weights[1] * uvs[:, 1] + weights[2] * uvs[:, 2]
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-6)
-        normal *= np.where((normal * directions).sum(axis=1, keepdims=True) > 0, -1, 1)
+        corner, first, second = np.split(self._shading[triangle], 3, axis=1)
+        shading = corner + result["u"][:, None] * first + result["v"][:, None] * second
+        normal = shading[:, :3]
+        normal /= np.maximum(np.sqrt(row_dot(normal, normal)), 1e-6)[:, None]
+        normal *= np.where(row_dot(normal, directions) > 0, np.float32(-1), np.float32(1))[:, None]
         distance = result["tfar"]
-        return Hits(triangle, distance, origins + distance[:, None] * directions, normal, uv)
+        position = origins + distance[:, None] * directions
+        return Hits(triangle, distance, position, normal, shading[:, 3:])
 
     def blocked(self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
         """Whether each ray meets anything within `reach` lengths of its direction."""
@@ -130,6 +129,21 @@ class Room:
     def nearest(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Distances to the first hits, in lengths of the directions."""
         return self._tracer.run(origins, directions, query="DISTANCE")
+
+
+def row_dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Dot products of the rows; several times faster than a sum over a product."""
+    return np.einsum("ij,ij->i", first, second)
+
+
+def _shading_table(soups: list[Soup]) -> Float[np.ndarray, "triangle 15"]:
+    """Normal and uv at a triangle's first corner, then how they change towards the others.
+
+    All of a triangle in one row, so that a ray's hit is one look into memory.
+    """
+    corners = np.concatenate([_stack(soups, "normals"), _stack(soups, "uv")], axis=2)
+    corners[:, 1:] -= corners[:, :1]
+    return np.ascontiguousarray(corners.reshape(len(corners), -1))
 
 
 def _stack(soups: list[Soup], name: str) -> np.ndarray:

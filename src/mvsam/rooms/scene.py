@@ -8,16 +8,17 @@ import numpy as np
 from mvsam.errors import InputError
 from mvsam.types import Frame
 
+from .assets import open_assets
 from .camera_path import camera_path
 from .dice import Dice
 from .layout import build_room
-from .photo import develop
+from .photo import Sensor
 from .render import Camera, render
 from .room import Room
 
 SPLITS: dict[str, int | None] = {"train": None, "val": 100, "test": 100}
 """Number of scenes; None is unlimited."""
-VERSION = 3
+VERSION = 4
 """Grows whenever a change alters a pixel, so that no cache serves rooms of another version."""
 _SPLIT_KEYS = {"train": 101, "val": 202, "test": 303}
 
@@ -25,14 +26,17 @@ _SPLIT_KEYS = {"train": 101, "val": 202, "test": 303}
 class RoomScene:
     """One room seen by one short hand-held camera path; a `Scene`.
 
+    assets: folder of an asset pack, whose things and surfaces are then among the room's own.
     Built when first asked for; rendered frames stay in memory as long as the scene does. Frame i is
     the same whichever frames were rendered before.
     """
 
     def __init__(
-        self, split: str, index: int, num_frames: int = 5, width: int = 320, height: int = 256
-    ):
+        self, split: str, index: int, num_frames: int = 5, width: int = 320, height: int = 256,
+        assets: str | None = None,
+    ):  # fmt: skip
         _check(split, index)
+        self._assets = None if assets is None else open_assets(assets)
         self.split, self.index = split, index
         self._num_frames, self._width, self._height = num_frames, width, height
         self._rendered: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
@@ -46,7 +50,7 @@ class RoomScene:
 
     @cached_property
     def room(self) -> Room:
-        return build_room(self._dice(0))
+        return build_room(self._dice(0), self._assets)
 
     @cached_property
     def cameras(self) -> list[Camera]:
@@ -89,9 +93,14 @@ class RoomScene:
         """Image, depth and labels."""
         if index not in self._rendered:
             rendering = render(self.room, self.cameras[index])
-            image = develop(rendering.radiance, self._exposure, self._dice(2, index))
+            dice = self._dice(2, index)
+            image = self._sensor.develop(rendering.radiance, self._exposure, dice)
             self._rendered[index] = image, rendering.depth, rendering.labels
         return self._rendered[index]
+
+    @cached_property
+    def _sensor(self) -> Sensor:
+        return Sensor.draw(self._dice(4))
 
     @cached_property
     def _exposure(self) -> float:
@@ -100,16 +109,17 @@ class RoomScene:
         small = np.diag([32 / camera.width, 24 / camera.height, 1.0]) @ camera.intrinsics
         radiance = render(self.room, Camera(small, camera.world_from_cam, 32, 24)).radiance
         typical = float(np.exp(np.log(radiance.mean(axis=2) + 1e-3).mean()))
-        return self._dice(3).uniform(0.28, 0.5) / typical
+        return self._dice(3).uniform(0.2, 0.5) / typical
 
     def _dice(self, *purpose: int) -> Dice:
         return Dice(_SPLIT_KEYS[self.split], self.index, *purpose)
 
 
 def scene(
-    split: str, index: int, num_frames: int = 5, width: int = 320, height: int = 256
-) -> RoomScene:
-    return RoomScene(split, index, num_frames, width, height)
+    split: str, index: int, num_frames: int = 5, width: int = 320, height: int = 256,
+    assets: str | None = None,
+) -> RoomScene:  # fmt: skip
+    return RoomScene(split, index, num_frames, width, height, assets)
 
 
 def _check(split: str, index: int) -> None:

@@ -4,6 +4,7 @@ Grid point (i, j) is the centre of pixel (2 i, 2 j). A neighbour counts only whe
 plane of the asking point and faces the same way, so light does not leak over edges.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,50 +24,60 @@ class LightGrid:
     def smoothed(self) -> "LightGrid":
         """Averaged over 4 x 4 neighbours, the period of the ray pattern, along surfaces."""
         light = self.light
+        channels = np.ascontiguousarray(np.moveaxis(self.surface, 2, 0))
         for axis in (0, 1):
-            light = self._smoothed_along(axis, light)
+            light = _smoothed_along(axis, light, channels)
         return LightGrid(self.surface, light)
-
-    def _smoothed_along(self, axis: int, light: np.ndarray) -> np.ndarray:
-        total, weights = light.copy(), np.ones((*light.shape[:2], 1), dtype=np.float32)
-        size = light.shape[axis]
-        for shift, share in ((-2, 0.5), (-1, 1.0), (1, 1.0), (2, 0.5)):
-            here: list[slice] = [slice(None), slice(None)]
-            there = list(here)
-            here[axis] = slice(max(0, -shift), size - max(0, shift))
-            there[axis] = slice(max(0, shift), size - max(0, -shift))
-            a, b = tuple(here), tuple(there)
-            weight = share * _agreement(self.surface[a], self.surface[b])[..., None]
-            total[a] += weight * light[b]
-            weights[a] += weight
-        return total / weights
 
     def at(
         self, pixels: Float[np.ndarray, "point 2"], surface: Float[np.ndarray, "point 6"]
     ) -> tuple[Float[np.ndarray, "point channel"], Float[np.ndarray, " point"]]:
         """Light at points seen at (column, row), and how far grid points agree with each (0..1)."""
         rows, columns = self.light.shape[:2]
-        table = np.concatenate([self.surface, self.light], axis=2).reshape(rows * columns, -1)
-        place = ((pixels - 0.5) / STEP).astype(np.float32)
-        place = np.clip(place, 0, np.array([columns - 1.001, rows - 1.001], dtype=np.float32))
-        corner = place.astype(np.int32)
-        part = place - corner
-        total = np.zeros((len(pixels), self.light.shape[2]), dtype=np.float32)
+        known = np.concatenate([self.surface, self.light], axis=2).reshape(rows * columns, -1)
+        known = np.ascontiguousarray(known.T)  # channel by channel: numpy is far faster so
+        asking = np.ascontiguousarray(surface.T)
+        column, row = _inside(pixels[:, 0], columns), _inside(pixels[:, 1], rows)
+        corner = row.astype(np.int32) * columns + column.astype(np.int32)
+        right_part, down_part = column % 1, row % 1
+        total = np.zeros((self.light.shape[2], len(pixels)), dtype=np.float32)
         weights = np.zeros(len(pixels), dtype=np.float32)
         for down in (0, 1):
             for right in (0, 1):
-                near = np.abs(1 - right - part[:, 0]) * np.abs(1 - down - part[:, 1]) + 0.02
-                rowed = table[(corner[:, 1] + down) * columns + corner[:, 0] + right]
-                weight = near * _agreement(surface, rowed[:, :6])
-                total += weight[:, None] * rowed[:, 6:]
+                near = np.abs(1 - right - right_part) * np.abs(1 - down - down_part) + 0.02
+                there = corner + (down * columns + right)
+                weight = near * _agreement(asking, [channel[there] for channel in known[:6]])
+                for sums, channel in zip(total, known[6:], strict=True):
+                    sums += weight * channel[there]
                 weights += weight
-        return total / np.maximum(weights, 1e-6)[:, None], weights
+        return np.ascontiguousarray((total / np.maximum(weights, 1e-6)).T), weights
 
 
-def _agreement(asking: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """1 for points of one plane with one normal, falling to 0."""
-    ax, ay, az, nx, ny, nz = np.moveaxis(asking, -1, 0)
-    bx, by, bz, mx, my, mz = np.moveaxis(other, -1, 0)
+def _smoothed_along(axis: int, light: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    total, weights = light.copy(), np.ones((*light.shape[:2], 1), dtype=np.float32)
+    size = light.shape[axis]
+    for shift, share in ((-2, 0.5), (-1, 1.0), (1, 1.0), (2, 0.5)):
+        here: list[slice] = [slice(None), slice(None)]
+        there = list(here)
+        here[axis] = slice(max(0, -shift), size - max(0, shift))
+        there[axis] = slice(max(0, shift), size - max(0, -shift))
+        a, b = tuple(here), tuple(there)
+        agreement = _agreement(channels[(slice(None), *a)], channels[(slice(None), *b)])
+        weight = np.float32(share) * agreement[..., None]
+        total[a] += weight * light[b]
+        weights[a] += weight
+    return total / weights
+
+
+def _inside(places: np.ndarray, count: int) -> np.ndarray:
+    """Where pixel coordinates lie among `count` grid points, at least a little before the last."""
+    return np.clip((places - 0.5) / STEP, 0, count - 1.001).astype(np.float32)
+
+
+def _agreement(asking: Sequence[np.ndarray] | np.ndarray, other: Sequence[np.ndarray] | np.ndarray):
+    """1 for points of one plane with one normal, falling to 0; each six channels."""
+    ax, ay, az, nx, ny, nz = asking
+    bx, by, bz, mx, my, mz = other
     off_plane = np.abs((bx - ax) * nx + (by - ay) * ny + (bz - az) * nz)
     facing = nx * mx + ny * my + nz * mz
     return np.clip(1 - off_plane * 40, 0, 1) * np.clip(4 * facing - 3, 0, 1)

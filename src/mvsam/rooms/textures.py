@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .materials import PATTERNS, Material
+from .pictures import Pyramid, pyramid
 
 _TILE = 512
 _PER_CELL = 8
@@ -28,6 +29,8 @@ class MaterialTable:
     gloss: Float[np.ndarray, " material"]
     emission: Float[np.ndarray, " material"]
     seed: Float[np.ndarray, " material"]
+    images: list["Pyramid | None"]
+    """Of the pattern `image`."""
 
 
 def material_table(materials: list[Material]) -> MaterialTable:
@@ -36,7 +39,8 @@ def material_table(materials: list[Material]) -> MaterialTable:
 
     pattern = np.array([PATTERNS.index(m.pattern) for m in materials])
     names = ("color", "second", "scale", "contrast", "gloss", "emission", "seed")
-    return MaterialTable(pattern, *(column(name) for name in names))
+    images = [pyramid(m.image) if m.pattern == "image" else None for m in materials]
+    return MaterialTable(pattern, *(column(name) for name in names), images)
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,9 @@ def albedo(
     for number in np.unique(pattern):
         at = np.flatnonzero(pattern == number)
         which = material[at]
+        if PATTERNS[number] == "image":
+            color[at] = _pictures(table, which, uv[at], footprint[at])
+            continue
         seed = table.seed[which]
         hits = _Hits(
             uv[at, 0], uv[at, 1], footprint[at], direction[at],
@@ -83,6 +90,19 @@ def albedo(
         )  # fmt: skip
         color[at] = _EVALUATE[PATTERNS[number]](hits)
     return np.clip(color, 0.0, 1.0)
+
+
+def _pictures(
+    table: MaterialTable, material: np.ndarray, uv: np.ndarray, footprint: np.ndarray
+) -> np.ndarray:
+    """Colours of hits on surfaces that show a picture."""
+    color = np.empty((len(material), 3), dtype=np.float32)
+    for number in np.unique(material):
+        at = np.flatnonzero(material == number)
+        shown, scale = table.images[number], table.scale[number]
+        assert shown is not None
+        color[at] = shown.at(uv[at] / scale, footprint[at] / scale) * table.color[number]
+    return color
 
 
 @cache
@@ -214,6 +234,26 @@ def _damask(h: _Hits) -> np.ndarray:
     return h.blend(0.5 + (blot - 0.5) * h.fade(h.scale / 3))
 
 
+def _panels(h: _Hits) -> np.ndarray:
+    """Mineral panels of a hung ceiling: pin holes and dark joints."""
+    x, y = h.u / h.scale + h.seed, h.v / h.scale + h.seed
+    edge = np.maximum(np.abs(x - np.floor(x) - 0.5), np.abs(y - np.floor(y) - 0.5))
+    joint = (edge > 0.5 - 0.008 / h.scale) * h.fade(0.02)
+    holes = (_noise(h.u * 130, h.v * 130 + h.seed) > 0.72) * h.fade(0.012)
+    return h.blend(np.maximum(0.8 * joint, 0.35 * holes))
+
+
+def _trellis(h: _Hits) -> np.ndarray:
+    """A lattice of curved lines with a dot in each cell, as on wallpaper."""
+    x, y = h.u / h.scale + h.seed, h.v / h.scale + h.seed
+    wave = 0.12 * np.sin(4 * np.pi * x), 0.12 * np.sin(4 * np.pi * y)
+    first, second = x + y + wave[1], x - y + wave[0]
+    line = np.minimum(np.abs(first - np.rint(first)), np.abs(second - np.rint(second)))
+    dot = np.hypot(x - np.floor(x) - 0.5, y - np.floor(y)) < 0.11
+    amount = np.maximum(np.clip((0.09 - line) * 25, 0, 1), dot)
+    return h.blend(0.35 + (amount - 0.35) * h.fade(h.scale / 4))
+
+
 def _rug(h: _Hits) -> np.ndarray:
     """Bands and lozenges about the middle of the cloth, whose uv origin is its centre."""
     x, y = np.abs(h.u), np.abs(h.v)
@@ -273,5 +313,5 @@ _EVALUATE = {
     "plain": _plain, "wood": _wood, "planks": _planks, "tiles": _tiles, "carpet": _carpet,
     "brick": _brick, "stripes": _stripes, "marble": _marble, "weave": _weave,
     "speckle": _speckle, "painting": _painting, "outside": _outside, "plaid": _plaid,
-    "screen": _screen, "damask": _damask, "rug": _rug,
+    "screen": _screen, "damask": _damask, "rug": _rug, "panels": _panels, "trellis": _trellis,
 }  # fmt: skip

@@ -1,0 +1,55 @@
+"""The depth range of a scene, from its sparse points where there are some, else from its poses."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from mvsam.data.frusta import Cameras
+from mvsam.types import Frame
+
+USUAL = (0.1, 5.0)
+"""Metres: what models are trained for, and what a room needs."""
+DepthRange = tuple[float, float]
+DepthRangeOrAuto = DepthRange | Literal["auto"]
+
+_MARGIN = 1.25
+"""Beyond the farthest thing known."""
+_FEWEST_POINTS = 50
+
+
+def estimate_depth_range(
+    frames: Sequence[Frame], points: Float[np.ndarray, "point 3"] | None = None
+) -> DepthRange:
+    """(nearest, farthest) depth to expect, metres.
+
+    points: sparse points of the scene, metres, world. With enough of them the range holds 98 % of
+    those that the photos see, and a margin. Without, poses only tell that the range must reach as
+    far as the photos see other cameras; it is then at least `USUAL`.
+    """
+    cameras = Cameras.of(frames)
+    if points is not None:
+        seen = depths_in_view(cameras, points)
+        if len(seen) >= _FEWEST_POINTS:
+            near, far = np.percentile(seen, [1, 99])
+            return float(near / (2 * _MARGIN)), float(far * _MARGIN)
+    ahead = depths_in_view(cameras, cameras.centres)
+    farthest = _MARGIN * float(ahead.max(initial=0.0))
+    return USUAL[0], max(USUAL[1], farthest)
+
+
+def depths_in_view(
+    cameras: Cameras, points: Float[np.ndarray, "point 3"]
+) -> Float[np.ndarray, " seen"]:
+    """Depth of every point in every photo that it projects into, metres."""
+    found = []
+    for index in range(len(cameras)):
+        pose = cameras.world_from_cam[index]
+        local = (points - pose[:3, 3]) @ pose[:3, :3]
+        local = local[local[:, 2] > 1e-3]
+        pixels = local @ cameras.intrinsics[index].T
+        place = pixels[:, :2] / pixels[:, 2:]
+        inside = ((place >= 0) & (place <= cameras.sizes[index])).all(axis=1)
+        found.append(local[inside, 2])
+    return np.concatenate(found)
