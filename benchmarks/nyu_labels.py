@@ -19,7 +19,8 @@ from rich.table import Table
 
 from mvsam.data.dataset import make_targets, make_views
 from mvsam.data.labels import SCANNET20
-from mvsam.data.single_views import SingleViews, read_names
+from mvsam.data.name_lists import read_names
+from mvsam.data.readers.single_views import SingleViews
 from mvsam.evaluation.metrics import ConfusionMatrix
 from mvsam.model import MultiViewSAM
 from mvsam.precision import autocast
@@ -59,10 +60,8 @@ def main() -> None:
     parser.add_argument("--model", default="tiny", help="name, weights file or hub id")
     parser.add_argument("--out", type=Path, help="JSON file to write")
     arguments = parser.parse_args()
-    frames, model = (
-        SingleViews(arguments.data, only=read_names("nyuv2_heldout")),
-        load(arguments.model),
-    )
+    scenes = SingleViews(arguments.data, only=read_names("nyuv2_heldout"))
+    frames, model = [scene.frame(0) for scene in scenes], load(arguments.model)
     if not isinstance(model, MultiViewSAM) or model.decoder is None:
         parser.error(f"{arguments.model} cannot label single images")
     matrix = score(model, frames)

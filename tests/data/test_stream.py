@@ -10,7 +10,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from mvsam.data.dataset import make_views
-from mvsam.data.single_views import SingleViews
+from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.stream import DataConfig, Onward, SampleStream, TrainingSample, collate_training
 from mvsam.types import Targets, Views
 from tests.synthetic import write_posed_folder
@@ -178,7 +178,7 @@ def test_labelled_photos_depend_on_seed_and_number_alone_and_change_no_tuple(mix
 
 def test_each_labelled_photo_comes_once_an_epoch_and_those_left_out_never(mixed: DataConfig):
     stream = SampleStream(replace(mixed, singles_part=1.0, mirror=False, color_jitter=0.0), seed=1)
-    frames = SingleViews(str(mixed.singles))
+    frames = [scene.frame(0) for scene in SingleViews(Path(str(mixed.singles)))]
     shown = [image[0] for n in range(2) for image in singles_of(stream[n])[0].images]
     names = [
         frame.name

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,9 @@ from torch.utils.data import Dataset, Sampler
 from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import collate, make_targets, make_views
+from mvsam.data.name_lists import read_names
+from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.sampling import view_tuples
-from mvsam.data.single_views import SingleViews, read_names
 from mvsam.data.transforms import crop_to_shape
 from mvsam.errors import InputError
 from mvsam.types import Scene, Targets, Views
@@ -63,7 +65,7 @@ class DataConfig:
     color_jitter: float = 0.0
     """Spread of the exposure, colour and contrast drawn anew for each view (0.2 is moderate)."""
     singles: str | None = None
-    """Folder of labelled photos without poses (`single_views`); each teaches labels alone, prompted
+    """Folder of labelled photos without poses (`SingleViews`); each teaches labels alone, prompted
     with its measured depth. None: rooms alone."""
     singles_per_sample: int = 1
     """How many of them come with each sample of `train`."""
@@ -156,7 +158,7 @@ class SingleStream(Dataset[tuple[Views, Targets]]):
         assert config.singles is not None
         self.config, self.seed = config, seed
         without = [name for names in config.singles_without for name in read_names(names)]
-        self.frames = SingleViews(config.singles, without)
+        self.photos = SingleViews(Path(config.singles), without)
 
     def __getitem__(self, n: int) -> tuple[Views, Targets]:
         count = self.config.singles_per_sample
@@ -164,8 +166,9 @@ class SingleStream(Dataset[tuple[Views, Targets]]):
         return collate([("", *self._photo(place)) for place in places])[1:]
 
     def _photo(self, place: int) -> tuple[Views, Targets]:
-        epoch, position = divmod(place, len(self.frames))
-        frame = self.frames[_permutation(self.seed, epoch, len(self.frames))[position]]
+        epoch, position = divmod(place, len(self.photos))
+        index = int(_permutation(self.seed, epoch, len(self.photos))[position])
+        frame = self.photos[index].frame(0)
         config, dice = self.config, np.random.default_rng((self.seed, place, 2))
         frame = random_part(frame, config.singles_part, dice)
         if config.mirror and dice.random() < 0.5:

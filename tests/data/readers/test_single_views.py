@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mvsam.data.catalog import open_data
+from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.sampling import view_tuples
 from mvsam.errors import InputError
 from tests.synthetic import depth_of, labels_of, write_posed_folder
@@ -43,6 +44,14 @@ def test_they_may_lie_beside_posed_scenes(folder):
     path, _ = folder
     write_posed_folder(path.parent / "room")
     assert [len(scene) for scene in open_data(str(path.parent))] == [1, 1, 1, 3]
+
+
+def test_names_are_left_out_or_are_the_only_ones(folder):
+    path, _ = folder
+    assert [s.name for s in SingleViews(path, without=["0000", "0002"])] == ["nyu/0001"]
+    assert [s.name for s in SingleViews(path, only=["0002", "9999"])] == ["nyu/0002"]
+    with pytest.raises(InputError, match="every photo is left out"):
+        SingleViews(path, only=[])
 
 
 def test_photos_alone_are_no_labelled_set(folder):

@@ -13,6 +13,7 @@ import numpy as np
 from mvsam.data.files import check_photo, load_depth, load_labels, load_photo
 from mvsam.data.posed_folder import list_maps, list_photos, read_classes, read_intrinsics
 from mvsam.data.readers.listed import ListedScene
+from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
 
 log = logging.getLogger("mvsam")
@@ -29,26 +30,31 @@ def is_single_views(path: Path) -> bool:
 class SingleViews(Sequence[Scene]):
     """One scene of one frame for each photo; the pose is the identity and means nothing.
 
+    without: names that are left out; only: if given, all others are.
     Raises `InputError` as a posed folder does.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, without: Sequence[str] = (), only: Sequence[str] | None = None):
         self.name, self.classes = path.resolve().name, read_classes(path)
         self._photos = list_photos(path)
+        wanted = {*self._photos} - {*without}
+        wanted = wanted if only is None else wanted & {*only}
+        self._chosen = [name for name in self._photos if name in wanted]
+        if not self._chosen:
+            raise InputError(f"{path}: every photo is left out; leave fewer out.")
         self._sizes = {name: check_photo(file) for name, file in self._photos.items()}
         self._intrinsics = read_intrinsics(path, self._sizes)
         self._depth = list_maps(path, "depth", self._sizes)
         self._labels = list_maps(path, "label", self._sizes)
-        log.warning("%s: has no poses/; its %d photos stand alone.", path, len(self._photos))
+        log.warning("%s: has no poses/; its %d photos stand alone.", path, len(self._chosen))
 
     def __len__(self) -> int:
-        return len(self._photos)
+        return len(self._chosen)
 
     def __getitem__(self, position):
-        names = list(self._photos)
         if isinstance(position, slice):
-            return [self._scene(name) for name in names[position]]
-        return self._scene(names[position])
+            return [self._scene(name) for name in self._chosen[position]]
+        return self._scene(self._chosen[position])
 
     def _scene(self, name: str) -> ListedScene:
         depth, labels = self._depth.get(name), self._labels.get(name)
