@@ -190,4 +190,6 @@ def _verdict(report: SceneReport) -> str:
         return "the cameras are wrong; mend them as said above."
     if report.depth_verdict.fits:
         return "the cameras fit."
+    if report.depth_verdict.agreement:
+        return "not enough evidence for or against the cameras."
     return "nothing found against the cameras."

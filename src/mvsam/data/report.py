@@ -14,6 +14,8 @@ DepthRange = tuple[float, float]
 
 SAMPLED_FRAMES = 50
 """Evenly spaced frames whose depth and labels are looked at."""
+FEW_FRAMES = 5
+"""With fewer, photos alone do not accuse the cameras where the depth sees no reason to."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,14 @@ class SceneReport:
 
     @property
     def is_suspicious(self) -> bool:
-        """Whether the cameras seem wrong. Depth, where it can tell, overrules the photos."""
+        """Whether the cameras seem wrong. Depth, where it can tell, overrules the photos.
+
+        Where depth fits no convention, a handful of photos may match another one by chance.
+        """
         if self.depth_verdict.fits is not None:
             return not self.depth_verdict.fits
-        return self.photo_hint is not None
+        is_contradicted = bool(self.depth_verdict.agreement) and self.num_frames < FEW_FRAMES
+        return self.photo_hint is not None and not is_contradicted
 
 
 def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneReport:

@@ -171,7 +171,7 @@ def test_a_depth_map_of_8_bits_is_refused(tmp_path, name):
         Image.new("L", (64, 48)).save(file)
     for file in [*folder.rglob("lowres_depth/*.png"), *folder.rglob("depth0*.png")]:
         Image.new("L", (64, 48)).save(file)
-    with pytest.raises(InputError, match="pixel type L|has 8 bits"):
+    with pytest.raises(InputError, match=r"pixel type L|has 8 bits"):
         scene = FORMATS[name].open(folder)
         _ = scene.frame(0).depth
 

@@ -16,7 +16,7 @@ from mvsam.data.readers.listed import ListedScene
 from mvsam.types import Frame, Scene
 
 log = logging.getLogger("mvsam")
-_POSES = ("poses", "pose", "transforms.json", "sparse")
+_POSES = ("poses", "pose", "transforms.json", "sparse", "colmap", "cameras.txt", "cameras.bin")
 
 
 def is_single_views(path: Path) -> bool:
