@@ -30,7 +30,6 @@ from mvsam.provenance import provenance
 from mvsam.types import Frame
 
 Break = Callable[[list[Frame]], list[Frame]]
-FEW_FRAMES = 5
 MEASURABLE = 0.05
 DEPTH_FOCAL = 585.0 / 520.17
 """Kinect's depth camera against its colour camera."""

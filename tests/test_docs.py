@@ -122,6 +122,7 @@ VERBS = [
     "rooms export",
     "data check",
     "data convert",
+    "data scannet",
     "export",
     "table",
     "bench",

@@ -68,6 +68,7 @@ def test_help_names_every_verb_without_loading_torch(capsys):
         "rooms export",
         "data check",
         "data convert",
+        "data scannet",
     ],
 )
 def test_each_verb_explains_itself_with_an_example(verb: str, capsys):

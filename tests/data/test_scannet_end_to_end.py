@@ -10,6 +10,8 @@ from tests.data.readers.test_scannet import write_raw
 from tests.experiments.small_run import run
 from tests.small import SIDE
 
+pytestmark = pytest.mark.filterwarnings("ignore")  # Lightning's own
+
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):

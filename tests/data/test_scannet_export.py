@@ -67,8 +67,8 @@ def test_every_second_frame_at_another_size(scan, tmp_path):
     )
     small = np.asarray(Image.fromarray(truth.frame(0).image).reduce(2), dtype=float)
     red, other = (scene.frame(i).image[..., 0].ravel() for i in range(2))
-    likeness = [np.corrcoef(small[..., 0].ravel(), red)[0, 1] for red in (red, other)]
-    assert likeness[0] > 0.9 > likeness[1], "the texture is finer than these 32 pixels"
+    likeness = [np.corrcoef(small[..., 0].ravel(), photo)[0, 1] for photo in (red, other)]
+    assert likeness[0] > 0.7 > 2 * likeness[1], "JPEG blurs a texture as fine as these 32 pixels"
     assert depth_of(scene.frame(0)).shape == (24, 32)
 
 

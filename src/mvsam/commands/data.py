@@ -177,6 +177,8 @@ def _as_text(report: SceneReport) -> str:
         f"  labels           {f'{report.num_labels} photos: {named}' if named else 'none'}"
     )
     photos = report.photo_hint or "nothing speaks against the poses."
+    if report.depth_verdict.fits is not None:
+        photos = "not asked, because the depth can tell."
     lines.append(f"  by the photos    {photos}")
     lines.append(f"  by the depth     {report.depth_verdict.sentence}")
     lines.append(f"  verdict          {_verdict(report)}")
@@ -188,4 +190,6 @@ def _verdict(report: SceneReport) -> str:
         return "the cameras are wrong; mend them as said above."
     if report.depth_verdict.fits:
         return "the cameras fit."
+    if report.depth_verdict.agreement:
+        return "not enough evidence for or against the cameras."
     return "nothing found against the cameras."

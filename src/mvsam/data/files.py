@@ -65,7 +65,14 @@ def load_photo(path: Path) -> UInt8[np.ndarray, "height width 3"]:
 
 def load_depth(path: Path) -> Float[np.ndarray, "height width"]:
     """Metres as float32 from 16-bit millimetres; 0 = unknown."""
-    return from_millimetres(_decode(path, "depth map"))
+    pixels = _decode(path, "depth map")
+    if pixels.ndim != 2 or pixels.dtype == np.uint8:
+        kind = "colours" if pixels.ndim != 2 else "8 bits"
+        raise InputError(
+            f"{path}: the depth map has {kind}, expected a 16-bit greyscale PNG in millimetres; "
+            "export it again."
+        )
+    return from_millimetres(pixels)
 
 
 def load_labels(path: Path, num_classes: int) -> UInt8[np.ndarray, "height width"]:

@@ -14,6 +14,8 @@ DepthRange = tuple[float, float]
 
 SAMPLED_FRAMES = 50
 """Evenly spaced frames whose depth and labels are looked at."""
+FEW_FRAMES = 5
+"""With fewer, photos alone do not accuse the cameras where the depth sees no reason to."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class SceneReport:
     label_shares: dict[str, float]
     """Of the pixels of frames with labels, by class name, and "unlabelled"."""
     photo_hint: str | None
-    """What the photos and viewing frusta say against the poses; None: nothing."""
+    """What the photos and viewing frusta say against the poses; None: nothing, or they were not
+    asked, which takes ten times as long, because the depth can tell."""
     depth_verdict: Verdict
     """What the depth says about the cameras."""
 
@@ -50,10 +53,14 @@ class SceneReport:
 
     @property
     def is_suspicious(self) -> bool:
-        """Whether the cameras seem wrong. Depth, where it can tell, overrules the photos."""
+        """Whether the cameras seem wrong. Depth, where it can tell, overrules the photos.
+
+        Where depth fits no convention, a handful of photos may match another one by chance.
+        """
         if self.depth_verdict.fits is not None:
             return not self.depth_verdict.fits
-        return self.photo_hint is not None
+        is_contradicted = bool(self.depth_verdict.agreement) and self.num_frames < FEW_FRAMES
+        return self.photo_hint is not None and not is_contradicted
 
 
 def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneReport:
@@ -62,6 +69,7 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
     sampled = frames[:: -(-len(frames) // SAMPLED_FRAMES)]
     baselines, turns = _neighbours(frames)
     coverage, depths = _depth_statistics(sampled)
+    verdict = depth_verdict(frames, depth_range)
     return SceneReport(
         name=scene.name,
         num_frames=len(frames),
@@ -73,8 +81,8 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
         depths=depths,
         num_labels=sum(frame.load_labels is not None for frame in frames),
         label_shares=_label_shares(sampled, getattr(scene, "classes", SCANNET20).names),
-        photo_hint=pose_convention_hint(frames, depth_range),
-        depth_verdict=depth_verdict(frames, depth_range),
+        photo_hint=None if verdict.fits is not None else pose_convention_hint(frames, depth_range),
+        depth_verdict=verdict,
     )
 
 

@@ -54,6 +54,7 @@ def _write(frame, file: Path) -> None:
 def _import_av():
     try:
         import av
+        import av.error
     except ImportError as error:
         raise MissingExtraError("videos", "av", "video") from error
     return av

@@ -163,17 +163,15 @@ def test_every_format_is_fuzzed_or_shares_its_parser():
     assert set(FUZZED) | shared == set(FORMATS)
 
 
-@pytest.mark.parametrize("name", ["tum", "replica", "arkitscenes", "ios-logger", "scannet"])
+@pytest.mark.parametrize("name", ["tum", "replica", "arkitscenes", "scannet"])
 def test_a_depth_map_of_8_bits_is_refused(tmp_path, name):
-    if LAYOUTS[name].depth_step is None:
-        pytest.skip("it has no depth")
     folder = tmp_path / "42"
     LAYOUTS[name].write(small_frames(), folder)
     for file in folder.rglob("depth*/*.png"):
         Image.new("L", (64, 48)).save(file)
     for file in [*folder.rglob("lowres_depth/*.png"), *folder.rglob("depth0*.png")]:
         Image.new("L", (64, 48)).save(file)
-    with pytest.raises(InputError, match="pixel type L"):
+    with pytest.raises(InputError, match=r"pixel type L|has 8 bits"):
         scene = FORMATS[name].open(folder)
         _ = scene.frame(0).depth
 

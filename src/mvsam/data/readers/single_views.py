@@ -17,7 +17,7 @@ from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
 
 log = logging.getLogger("mvsam")
-_POSES = ("poses", "pose", "transforms.json", "sparse")
+_POSES = ("poses", "pose", "transforms.json", "sparse", "colmap", "cameras.txt", "cameras.bin")
 
 
 def is_single_views(path: Path) -> bool:
