@@ -37,7 +37,8 @@ ALLOWED: dict[str, set[str]] = {
     "evaluation": {"types", "errors"},
     "training": {"types", "errors", "precision", "loss_terms", "evaluation"},
     "inference": MODELS | {"data", "evaluation"},
-    "experiments": MODELS | {"encoders", "loss_terms", "data", "training", "evaluation"},
+    "experiments": MODELS
+    | {"encoders", "baselines", "loss_terms", "data", "training", "evaluation"},
 }
 """What each part may import; `apps`, `commands` and `cli` lie above them all, in this order."""
 

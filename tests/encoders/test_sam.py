@@ -137,3 +137,16 @@ def test_conv_stem_gives_one_token_for_16_x_16_pixels():
     assert stem(torch.rand(2, 3, 64, 64)).shape == (2, 4, 4, 32)
     with pytest.raises(ValueError, match="16"):
         ConvStem(64, 8, 3, 32)
+
+
+@pytest.mark.parametrize("tuned_blocks, moves", [(0, False), (1, False), (None, True)])
+def test_a_frozen_stem_keeps_its_statistics_while_the_rest_is_trained(
+    tuned_blocks: int | None, moves: bool
+):
+    backbone = small_backbone()
+    backbone.patch_embed = ConvStem(SIDE, 16, 3, backbone.embed_dim)  # pyright: ignore
+    encoder = SamEncoder(backbone, input_side=SIDE, tuned_blocks=tuned_blocks).train()
+    before = {key: value.clone() for key, value in encoder.state_dict().items()}
+    encoder(torch.rand(2, 3, SIDE, SIDE))
+    changed = {key for key, value in encoder.state_dict().items() if not value.equal(before[key])}
+    assert bool(changed) == moves

@@ -76,7 +76,7 @@ class Table:
             raise InputError(
                 f"Table {self.number} has no row {', '.join(unknown)}; rows: {', '.join(rows)}."
             )
-        if (self.steps or 1) < 1 or (self.seeds or 1) < 1:
+        if any(number is not None and number < 1 for number in (self.steps, self.seeds)):
             raise InputError("--steps and --seeds must be 1 or more.")
         chosen = [row for row in rows if not self.rows or row in self.rows]
         jobs = jobs_of(chosen, BUDGETS[self.data], self.steps, self.seeds, self.accelerator)

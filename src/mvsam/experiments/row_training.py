@@ -113,8 +113,8 @@ def train_and_score(
         was_begun, start = (folder / LAST).exists(), time.perf_counter()
         train(job.experiment, folder, accelerator=job.accelerator, progress=shows_training)
         seconds = None if was_begun else time.perf_counter() - start
+        (folder / LAST).unlink(missing_ok=True)  # three times the weights, and never needed again
     scores = score(weights, job, progress)
-    (folder / LAST).unlink(missing_ok=True)  # three times the weights, and never needed again
     result = _result(job, read_info(weights.with_suffix(".json")).training, scores, seconds)
     return write_result(folders.results, result)
 

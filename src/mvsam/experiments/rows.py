@@ -65,13 +65,11 @@ def _ready_made(name: str, recipe: Recipe, *, has_imagenet: bool = True, **setti
     return Row(name, recipe, ModelConfig(name, imagenet=imagenet), ModelConfig(name), **settings)
 
 
-def _with_sam(
-    name: str, model: str, tiny: str, tuned_blocks: int, recipe: Recipe = recipes.PAPER, **settings
-) -> Row:
+def _with_sam(name: str, model: str, tiny: str, tuned_blocks: int, **settings) -> Row:
     """SAM's ViT-B with its weights, or `tiny`'s with those of the run `tiny_semantic`."""
     return Row(
         name,
-        recipe,
+        recipes.PAPER,
         ModelConfig(model, tuned_blocks=tuned_blocks, sam_checkpoint=_SAM),
         ModelConfig(tiny, tuned_blocks=tuned_blocks, semantic_encoder=_SEMANTIC),
         is_long=True,
@@ -79,24 +77,22 @@ def _with_sam(
     )
 
 
-_PAPER = recipes.PAPER
-_TABLE_3 = {"official_split": True}
 _ROWS = (
     _ready_made("mvs2d", recipes.MVS2D, views=3),
     _ready_made("trans_mvsnet", recipes.TRANS_MVSNET, has_imagenet=False, views=3),
     Row(
         "cas_mvsnet",
-        _PAPER,
+        recipes.PAPER,
         ModelConfig("cas_mvsnet"),
         ModelConfig("tiny_cas_mvsnet"),
         views=3,
         seeds=3,
         is_long=True,
     ),
-    replace(_ready_made("unet_r34", recipes.UNET), is_long=True),
+    _ready_made("unet_r34", recipes.UNET, is_long=True),
     Row(
         "mvs_unet",
-        _PAPER,
+        recipes.PAPER,
         ModelConfig("mvs_unet", init=("runs/unet_r34_scannet-0/model.safetensors",)),
         ModelConfig("tiny_mvs_unet", init=("runs/unet_r34_rooms-0/model.safetensors",)),
         views=3,
@@ -110,14 +106,14 @@ _ROWS = (
     _ready_made("mt_refinenet", recipes.MT_REFINENET),
     _ready_made("pad_net", recipes.MULTI_TASK),
     _ready_made("mti_net", recipes.MULTI_TASK),
-    replace(_ready_made("mtan", recipes.MULTI_TASK), seeds=3, is_long=True),
-    _ready_made("segnet", recipes.SEGNET, **_TABLE_3),
-    _ready_made("deeplab_v2", recipes.DEEPLAB_V2, **_TABLE_3),
-    _ready_made("deeplab_v3", recipes.DEEPLAB_V3, **_TABLE_3),
-    _ready_made("adapnet_pp", recipes.ADAPNET_PP, has_imagenet=False, **_TABLE_3),
-    _ready_made("fusenet", recipes.FUSENET, **_TABLE_3),
-    _ready_made("emsaformer", recipes.EMSAFORMER, has_imagenet=False, **_TABLE_3),
-    _ready_made("ssma", recipes.ADAPNET_PP, has_imagenet=False, **_TABLE_3),
+    _ready_made("mtan", recipes.MULTI_TASK, seeds=3, is_long=True),
+    _ready_made("segnet", recipes.SEGNET, official_split=True),
+    _ready_made("deeplab_v2", recipes.DEEPLAB_V2, official_split=True),
+    _ready_made("deeplab_v3", recipes.DEEPLAB_V3, official_split=True),
+    _ready_made("adapnet_pp", recipes.ADAPNET_PP, has_imagenet=False, official_split=True),
+    _ready_made("fusenet", recipes.FUSENET, official_split=True),
+    _ready_made("emsaformer", recipes.EMSAFORMER, has_imagenet=False, official_split=True),
+    _ready_made("ssma", recipes.ADAPNET_PP, has_imagenet=False, official_split=True),
     _with_sam("base_official", "base", "tiny", 3, views=5, official_split=True),
     _ready_made("unet_r50", recipes.UNET),
     _with_sam("sam_conv", "sam_conv", "tiny_sam_conv", 0, seeds=3),

@@ -68,7 +68,7 @@ def test_the_grid_shows_what_is_trained_and_says_what_is_missing(columns: list, 
     assert labels["Ours\nmissing"] is None and depths is not None
     assert [depth.shape for depth in depths] == [(SIDE, SIDE)] * 2
     draw_grid(pictures, tmp_path / "table6.png")
-    assert Image.open(tmp_path / "table6.png").size[0] > 300
+    assert np.array(Image.open(tmp_path / "table6.png")).shape[1] > 300
 
 
 def test_maps_of_a_column_share_the_colours_of_its_true_depth(monkeypatch, tmp_path: Path):
