@@ -1,30 +1,42 @@
 """Scores on real photographs: every sequence below a folder, under protocol `real`.
 
-    python benchmarks/real.py DATA --model tiny --out results/real.json
+    python benchmarks/real.py DATA --model tiny --out results/real.json --page docs/results.md
 
 A sequence is a scene folder with a `views.txt`, or a folder of such scenes (small groups that
 count as one sequence). The per-image median of the true depth stands beside the model: no constant
-does better in absolute error.
+does better in absolute error. Where tuples have four sources, five views stand beside three of the
+same tuples. Models are chosen by `--part choose` and reported by `--part report`.
 """
 
 import argparse
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+import torch
 from rich.console import Console
 from rich.table import Table
 
 from mvsam.data.catalog import scene_folders
 from mvsam.data.dataset import TupleDataset
 from mvsam.data.formats import find_format, open_scene
-from mvsam.data.sampling import evenly_spaced
-from mvsam.evaluation.evaluate import Sample, Scores, evaluate
+from mvsam.data.sampling import evenly_spaced, view_tuples
+from mvsam.evaluation.evaluate import SceneScores, Scores, evaluate, score_item
+from mvsam.evaluation.metrics import rel_of_most_confident
 from mvsam.evaluation.protocols import PROTOCOLS, Protocol
 from mvsam.evaluation.yardsticks import MeasuredMedianDepth
 from mvsam.precision import autocast
 from mvsam.provenance import provenance
+from mvsam.types import Model, Targets, Views
 from mvsam.weights import load
+
+CHOSEN_BY = ("icl_livingroom5_synthetic", "nyu_dining5")
+SHARED = "livingroom1_synthetic"
+"""Of it every second tuple chooses and the others report."""
+FEW, MANY = 3, 5
 
 
 def sequences(folder: Path) -> dict[str, list[Path]]:
@@ -39,58 +51,198 @@ def sequences(folder: Path) -> dict[str, list[Path]]:
 
 
 class SequenceSamples:
-    """The samples of one sequence, at most the protocol's number of tuples in all."""
+    """The samples of one sequence, at most the protocol's number of tuples in all.
 
-    def __init__(self, name: str, scenes: Sequence[Path], protocol: Protocol, num_views: int):
-        self.name = name
+    part: `choose`, `report` or `all`. only_many: leave out tuples without `MANY` views.
+    """
+
+    def __init__(
+        self,
+        scenes: Sequence[Path],
+        protocol: Protocol,
+        num_views: int,
+        part: str = "all",
+        only_many: bool = False,
+        semantic_size: tuple[int, int] | None = None,
+    ):
+        opened = [open_scene(path) for path in scenes]
         self.data = TupleDataset(
-            [open_scene(path) for path in scenes], num_views, protocol.size, protocol.depth_range
+            opened, num_views, protocol.size, protocol.depth_range, semantic_size=semantic_size
         )
         tuples = [(index,) for index in range(len(self.data))]
-        self.chosen = [index for (index,) in evenly_spaced(tuples, protocol.tuples_per_scene)]
+        chosen = [index for (index,) in evenly_spaced(tuples, protocol.tuples_per_scene)]
+        self.chosen = [n for n in chosen if is_in(part, scenes[0].name, n)]
+        if only_many:
+            lengths = [
+                len(views)
+                for scene in opened
+                for views in view_tuples(scene, MANY, protocol.depth_range)[0]
+            ]
+            assert len(lengths) == len(self.data), "tuples that see nothing are left out alike"
+            self.chosen = [n for n in self.chosen if lengths[n] >= MANY]
 
-    def __iter__(self) -> Iterator[Sample]:
+    def __iter__(self) -> Iterator[tuple[Views, Targets]]:
         for index in self.chosen:
-            _, views, targets = self.data[index]
-            yield self.name, views, targets
+            yield self.data[index][1:]
+
+
+def is_in(part: str, sequence: str, tuple_number: int) -> bool:
+    """Whether a tuple serves to choose a model, or to report how good the chosen one is."""
+    chooses = sequence in CHOSEN_BY or (sequence == SHARED and tuple_number % 2 == 0)
+    return part == "all" or (part == "choose") == chooses
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one sequence."""
+
+    scores: SceneScores
+    confident_half: float | None
+    """Rel of the half of each image's pixels with the highest confidence, mean over images."""
+
+
+def run(model: Model, samples: SequenceSamples, protocol: Protocol) -> Outcome:
+    """Scores of the samples, and of their most confident halves."""
+    scores, halves = SceneScores(), []
+    for views, targets in samples:
+        with torch.inference_mode(), autocast("cpu"):
+            prediction = model(views)
+        scores += score_item(prediction, targets, 0, protocol)
+        if prediction.depth is None or prediction.confidence is None:
+            continue
+        truth = targets.depth[0]
+        depth, confidence = prediction.depth[0].float(), prediction.confidence[0].float()
+        valid = protocol.valid_depth(truth)
+        halves.append(rel_of_most_confident(depth, confidence, truth, valid, 0.5))
+    known = [half for half in halves if half is not None]
+    return Outcome(scores, float(np.mean(known)) if known else None)
+
+
+def measure(model: Model, data: Path, protocol: Protocol, part: str) -> dict:
+    """The record of a model: three views everywhere, five where there are as many."""
+    few, many, same_few = Scores(protocol.name), Scores(protocol.name), Scores(protocol.name)
+    constant, halves = Scores(protocol.name), {}
+    for name, scenes in sequences(data).items():
+        given = partial(
+            SequenceSamples, scenes, protocol, part=part, semantic_size=model.semantic_size
+        )
+        samples = given(num_views=FEW)
+        if not samples.chosen:
+            continue
+        outcome = run(model, samples, protocol)
+        few.scenes[name], halves[name] = outcome.scores, outcome.confident_half
+        named = ((name, *sample) for sample in samples)
+        constant += evaluate(MeasuredMedianDepth(protocol), named, protocol)
+        more = given(num_views=MANY, only_many=True)
+        if more.chosen:
+            many.scenes[name] = run(model, more, protocol).scores
+            fewer = given(num_views=FEW, only_many=True)
+            same_few.scenes[name] = run(model, fewer, protocol).scores
+    return {
+        **few.as_json(),
+        "rel_of_confident_half": halves,
+        "five_views": many.as_json()["scenes"],
+        "three_views_of_the_same": same_few.as_json()["scenes"],
+        "per_image_median": constant.as_json()["scenes"],
+    }
+
+
+COLUMNS = (
+    "sequence",
+    "images",
+    "Rel",
+    "confident half",
+    "5 views (3 of the same)",
+    "median",
+    "mIoU",
+)
+
+
+def rows(record: dict) -> list[list[str]]:
+    """One a sequence; Rel as fractions."""
+
+    def number(value: float | None) -> str:
+        return "-" if value is None else f"{value:.3f}"
+
+    found = []
+    for name, scores in record["scenes"].items():
+        five, three = (
+            record[key].get(name, {}).get("rel")
+            for key in ("five_views", "three_views_of_the_same")
+        )
+        more = "-" if five is None else f"{number(five)} ({number(three)})"
+        half, median = (
+            record["rel_of_confident_half"][name],
+            record["per_image_median"][name]["rel"],
+        )
+        numbers = (
+            number(scores["rel"]),
+            number(half),
+            more,
+            number(median),
+            number(scores["miou"]),
+        )
+        found.append([name, str(scores["num_images"]), *numbers])
+    return found
+
+
+def page(record: dict, labels: dict | None) -> str:
+    """The same in Markdown, with what made it; `labels` is what nyu_labels.py wrote."""
+    lines = [
+        "# Results on real photographs",
+        "",
+        f"`{record['model']}` (weights {record['weights_hash']}), commit {record['commit']}, "
+        f"{record['date']}, protocol `real` (320x256, ground truth between 0.1 and 5 m, at most 24 "
+        "tuples a sequence, mean of the per-image Rel).",
+        "",
+        "| " + " | ".join(COLUMNS) + " |",
+        "|---|" + "---:|" * (len(COLUMNS) - 1),
+        *("| " + " | ".join(row) + " |" for row in rows(record)),
+        "",
+        "*Confident half*: the half of each image's pixels with the highest confidence. *Median*: "
+        "a constant depth that knows each image's median. Written by `benchmarks/real.py`.",
+    ]
+    if labels is not None:
+        lines += ["", "## Labels on the held-out tenth of NYUv2's training images", ""]
+        miou, right = (f"{100 * labels[key]:.1f} %" for key in ("miou", "accuracy"))
+        lines.append(
+            f"`{labels['model']}` (weights {labels['weights_hash']}), commit {labels['commit']}: "
+            f"mIoU {miou}, {right} of the pixels right, {labels['num_images']} images, prompted "
+            "with measured depth; by `benchmarks/nyu_labels.py`."
+        )
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("data", type=Path, help="folder of sequences")
     parser.add_argument("--model", default="tiny", help="name, weights file or hub id")
-    parser.add_argument("--views", type=int, default=3, help="reference and sources")
+    parser.add_argument("--part", choices=("all", "choose", "report"), default="all")
+    parser.add_argument("--tuples", type=int, help="of a sequence at most; the protocol's: 24")
     parser.add_argument("--out", type=Path, help="JSON file to write")
+    parser.add_argument("--page", type=Path, help="Markdown page to write")
+    parser.add_argument("--labels", type=Path, help="what nyu_labels.py wrote, for the page")
     arguments = parser.parse_args()
-    protocol, model = PROTOCOLS["real"], load(arguments.model)
-    scores, constant = Scores(protocol.name), Scores(protocol.name)
-    for name, scenes in sequences(arguments.data).items():
-        samples = SequenceSamples(name, scenes, protocol, arguments.views)
-        with autocast("cpu"):
-            scores += evaluate(model, samples, protocol)
-        constant += evaluate(MeasuredMedianDepth(protocol), samples, protocol)
-    report(scores, constant)
+    protocol, model = PROTOCOLS["real"], load(arguments.model).eval()
+    if arguments.tuples:
+        protocol = replace(protocol, tuples_per_scene=arguments.tuples)
+    record = {
+        "model": arguments.model,
+        "weights_hash": getattr(model, "weights_hash", None),
+        "num_views": FEW,
+        "part": arguments.part,
+        **provenance(),
+        **measure(model, arguments.data, protocol, arguments.part),
+    }
+    table = Table(*COLUMNS)
+    for row in rows(record):
+        table.add_row(*row)
+    Console(width=120).print(table)
     if arguments.out:
-        record = {
-            "model": arguments.model,
-            "weights_hash": getattr(model, "weights_hash", None),
-            "num_views": arguments.views,
-            **provenance(),
-            **scores.as_json(),
-            "per_image_median": constant.as_json()["scenes"],
-        }
         arguments.out.write_text(json.dumps(record, indent=2) + "\n")
-
-
-def report(scores: Scores, constant: Scores) -> None:
-    table = Table("sequence", "images", "Rel", "Rel of the median", "delta 1.25", "mIoU")
-    for name, scene in scores.scenes.items():
-        values, median = scene.as_json(), constant.scenes[name].as_json()
-        cells = [values["rel"], median["rel"], values["delta_1.25"], values["miou"]]
-        table.add_row(
-            name, str(scene.num_images), *("-" if x is None else f"{x:.3f}" for x in cells)
-        )
-    Console().print(table)
+    if arguments.page:
+        labels = json.loads(arguments.labels.read_text()) if arguments.labels else None
+        arguments.page.write_text(page(record, labels))
 
 
 if __name__ == "__main__":
