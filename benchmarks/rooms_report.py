@@ -18,8 +18,8 @@ from rich.table import Table
 
 from mvsam.data.catalog import open_data
 from mvsam.data.labels import SCANNET20
+from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.sampling import evenly_spaced, view_tuples
-from mvsam.data.single_views import SingleViews
 from mvsam.data.transforms import area_resize, resize_intrinsics, resize_nearest
 from mvsam.provenance import provenance
 from mvsam.types import IGNORE, Frame, Scene
@@ -118,7 +118,8 @@ def real(folder: Path) -> Iterator[tuple[str, Statistics]]:
     for path in sorted(folder.iterdir()):
         if (path / "labels").is_dir() and not (path / "poses").is_dir():
             found = Statistics()
-            for frame in SingleViews(path)[::8]:
+            for scene in SingleViews(path)[::8]:
+                frame = scene.frame(0)
                 found.add_frame(frame)
             yield path.name, found
         elif (path / "views.txt").exists() or list(path.glob("*/views.txt")):
