@@ -119,8 +119,7 @@ def real(folder: Path) -> Iterator[tuple[str, Statistics]]:
         if (path / "labels").is_dir() and not (path / "poses").is_dir():
             found = Statistics()
             for scene in SingleViews(path)[::8]:
-                frame = scene.frame(0)
-                found.add_frame(frame)
+                found.add_frame(scene.frame(0))
             yield path.name, found
         elif (path / "views.txt").exists() or list(path.glob("*/views.txt")):
             yield path.name, gathered(open_data(str(path)))
