@@ -83,7 +83,7 @@ def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int
     for attempt in range(_ATTEMPTS):
         crowded = attempt > 80
         target, scale = (None, 0.4) if crowded else (wanted, max(pace * 0.996**attempt, 0.4))
-        if step_deg is not None and not crowded:
+        if step_deg is not None and wanted is not None and not crowded:
             poses = _walk_around(room, dice, num_frames, wanted, step_deg * 0.99**attempt)
         else:
             poses = _wander(room, dice, num_frames, target, scale)

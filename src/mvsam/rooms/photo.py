@@ -129,9 +129,9 @@ def _vignette(shape: tuple[int, int], strength: float) -> np.ndarray:
 def _soften(light: Light, side: float) -> Light:
     """A 3 x 3 blur with weights (side, 1 - 2 side, side) each way."""
     padded = np.pad(light, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    middle, side = np.float32(1 - 2 * side), np.float32(side)
-    padded = middle * padded[:, 1:-1] + side * (padded[:, :-2] + padded[:, 2:])
-    return middle * padded[1:-1] + side * (padded[:-2] + padded[2:])
+    middle, beside = np.float32(1 - 2 * side), np.float32(side)
+    padded = middle * padded[:, 1:-1] + beside * (padded[:, :-2] + padded[:, 2:])
+    return middle * padded[1:-1] + beside * (padded[:-2] + padded[2:])
 
 
 def _shifted(light: Light, right: float, down: float) -> Light:

@@ -39,8 +39,9 @@ def material_table(materials: list[Material]) -> MaterialTable:
 
     pattern = np.array([PATTERNS.index(m.pattern) for m in materials])
     names = ("color", "second", "scale", "contrast", "gloss", "emission", "seed")
+    columns = {name: column(name) for name in names}
     images = [pyramid(m.image) if m.pattern == "image" else None for m in materials]
-    return MaterialTable(pattern, *(column(name) for name in names), images)
+    return MaterialTable(pattern=pattern, images=images, **columns)
 
 
 @dataclass(frozen=True)
