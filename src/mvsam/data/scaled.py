@@ -22,6 +22,8 @@ class ScaledScene:
             raise InputError(f"a scale of {scale:g} metres a unit is not possible; give > 0.")
         self._scene, self._scale = scene, scale
         self.classes = getattr(scene, "classes", SCANNET20)
+        points = getattr(scene, "points", None)
+        self.points = None if points is None else points * scale
 
     @property
     def name(self) -> str:

@@ -53,6 +53,14 @@ def test_a_pinhole_model_comes_back(tmp_path, form, caplog):
         np.testing.assert_array_equal(frame.image, view.image)
 
 
+def test_its_points_come_in_the_unit_of_the_poses(tmp_path):
+    write_colmap(tmp_path)
+    (tmp_path / "sparse/0/points3D.txt").write_text("1 0.5 1 -2 90 90 90 0.7\n7 0 0 3 0 0 0 0.1\n")
+    for scale in (1.0, 2.0):
+        points = np.array(sorted(open_scene(tmp_path, scale=scale).points.tolist()))  # pyright: ignore
+        np.testing.assert_allclose(points, scale * np.array([[0, 0, 3], [0.5, 1, -2]]))
+
+
 def test_a_lens_is_taken_away_as_our_own_formula_does(tmp_path):
     from mvsam.data.undistort import Distortion, undistort
 

@@ -72,7 +72,8 @@ def open_colmap(path: Path) -> Scene:
         _frame(photos, image, model.cameras[image.camera_id], folder, depths.get(image.name))
         for image in images
     ]
-    scene = ListedScene(path.resolve().name, frames)
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    scene = ListedScene(path.resolve().name, frames, points=points)
     scale = metres_a_unit(model, images, depths)
     if scale is None:
         log.warning(

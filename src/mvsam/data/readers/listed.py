@@ -16,7 +16,10 @@ HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 
 class ListedScene:
-    """A `Scene` of these frames. Raises `InputError` for none, or for two of one name."""
+    """A `Scene` of these frames. Raises `InputError` for none, or for two of one name.
+
+    points: sparse points of the surfaces in world axes, in the unit of the poses.
+    """
 
     def __init__(
         self,
@@ -24,6 +27,7 @@ class ListedScene:
         frames: Sequence[Frame],
         views: list[tuple[int, ...]] | None = None,
         classes: ClassTable = SCANNET20,
+        points: Float[np.ndarray, "point 3"] | None = None,
     ):
         if not frames:
             raise InputError(f"{name}: no frame with a picture and a pose was found there.")
@@ -33,6 +37,7 @@ class ListedScene:
             raise InputError(f"{name}: two frames are called {twice}; rename one.")
         self.name = name
         self.classes = classes
+        self.points = points
         self._frames = list(frames)
         self._views = views
 
