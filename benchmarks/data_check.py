@@ -10,7 +10,7 @@ than five hundredths.
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -33,6 +33,12 @@ Break = Callable[[list[Frame]], list[Frame]]
 MEASURABLE = 0.05
 DEPTH_FOCAL = 585.0 / 520.17
 """Kinect's depth camera against its colour camera."""
+
+
+def depth_of(frame: Frame) -> np.ndarray:
+    depth = frame.depth
+    assert depth is not None, "the sequences have depth"
+    return depth
 
 
 def posed(change: Callable[[np.ndarray], np.ndarray]) -> Break:
@@ -58,7 +64,7 @@ def unregistered(frames: list[Frame]) -> list[Frame]:
         depth_camera = frame.intrinsics * [[DEPTH_FOCAL, 1, 1], [1, DEPTH_FOCAL, 1], [1, 1, 1]]
         depth_from_color = np.linalg.inv(COLOR_FROM_DEPTH)
         return register_depth(
-            frame.load_depth(), frame.intrinsics, depth_camera, depth_from_color, frame.size
+            depth_of(frame), frame.intrinsics, depth_camera, depth_from_color, frame.size
         )
 
     return [replace(f, load_depth=cache(lambda f=f: seen(f))) for f in frames]
@@ -72,7 +78,7 @@ def rotated(frames: list[Frame]) -> list[Frame]:
             size=f.size[::-1],
             intrinsics=f.intrinsics[[1, 0, 2]][:, [1, 0, 2]],
             load_image=cache(lambda f=f: np.rot90(f.load_image(), -1).copy()),
-            load_depth=cache(lambda f=f: np.rot90(f.load_depth(), -1).copy()),
+            load_depth=cache(lambda f=f: np.rot90(depth_of(f), -1).copy()),
         )
         for f in frames
     ]
@@ -177,7 +183,7 @@ def has_poses(path: Path) -> bool:
     return (path / "poses").is_dir()
 
 
-def count(results: Sequence[dict] | Iterator[dict]) -> dict[str, int]:
+def count(results: Iterable[dict]) -> dict[str, int]:
     verdicts = [c["verdict"] for result in results for c in result["checks"].values()]
     return {verdict: verdicts.count(verdict) for verdict in sorted(set(verdicts))}
 
