@@ -1,6 +1,6 @@
 """The page of results: each claim of the paper beside what was measured, and Tables 1 to 5.
 
-    python benchmarks/claims.py --data rooms --out docs/results.md
+    python benchmarks/claims.py --data rooms --out docs/tables.md
 
 What a claim that does not hold may be due to is for people to write; the page is made anew from the
 files in results/runs every time.
@@ -24,7 +24,7 @@ def page(budget, results: Path) -> str:
     tables = [
         as_markdown(table, budget, lines_of(table, budget, results)) for table in TABLES.values()
     ]
-    head = f"""# Results
+    head = f"""# The tables of the paper
 
 Made by `python benchmarks/claims.py --data {budget}` at commit {commit()}. How the rows are trained
 is in [reproduce.md](reproduce.md#the-papers-tables).
