@@ -107,7 +107,7 @@ def test_collate_stacks_samples_in_order(tmp_path, depth):
 def test_each_procedural_room_is_built_once(monkeypatch):
     module, built = importlib.import_module("mvsam.rooms.scene"), []
     build = module.build_room
-    monkeypatch.setattr(module, "build_room", lambda dice: (built.append(1), build(dice))[1])
+    monkeypatch.setattr(module, "build_room", lambda *given: (built.append(1), build(*given))[1])
     rooms = open_data("rooms:val:50-56", room_frames=2, room_size=(32, 32))
     dataset = TupleDataset(rooms, num_views=2, size=(32, 32), tuples_per_scene=1)
     for index in range(len(dataset)):

@@ -41,7 +41,7 @@ def test_colmap_finds_the_poses_of_photos_up_to_scale(tmp_path, caplog):
          for i in range(1, 5)]
         for s in (scene, truth)
     ]  # fmt: skip
-    ratios = np.divide(*steps)
+    ratios = np.divide(steps[0], steps[1])
     assert ratios.max() / ratios.min() < 1.5, "five small photos; the shape is right, not exact"
     caplog.clear()
     assert len(open_scene(tmp_path / "photos", poses="colmap")) == 5

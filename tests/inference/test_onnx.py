@@ -145,7 +145,8 @@ def test_the_example_needs_neither_torch_nor_mvsam(posed, tmp_path: Path, monkey
     assert "median depth" in capsys.readouterr().out
     depth = np.load(tmp_path / "out/depth.npy")
     assert depth.shape == (SIZE[1], SIZE[0]) and 0.2 <= depth.min() <= depth.max() <= 7
-    assert Image.open(tmp_path / "out/labels.png").size == SIZE
+    with Image.open(tmp_path / "out/labels.png") as labels:
+        assert labels.size == SIZE
 
 
 @pytest.mark.parametrize("size", [("100", "64"), ("0", "0")])

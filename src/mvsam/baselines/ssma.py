@@ -77,7 +77,7 @@ class GatedFusion(nn.Module):
         self,
         color: Float[Tensor, "batch channel height width"],
         depth: Float[Tensor, "batch channel height width"],
-    ) -> Float[Tensor, "batch channel height width"]:
+    ) -> Float[Tensor, "batch _mixed height width"]:
         both = torch.cat([color, depth], dim=1)
         return self.mix(self.gate(both) * both)
 

@@ -46,8 +46,7 @@ class Listed:
 
 def save(path: Path, pixels: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    options = {"quality": 97, "subsampling": 0} if path.suffix == ".jpg" else {}
-    Image.fromarray(pixels).save(path, **options)
+    Image.fromarray(pixels).save(path, quality=97, subsampling=0)  # PNG takes no notice of them
 
 
 def save_depth(path: Path, depth: np.ndarray, units: float = 1000) -> None:

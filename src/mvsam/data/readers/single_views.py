@@ -7,6 +7,7 @@ import logging
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
@@ -51,7 +52,13 @@ class SingleViews(Sequence[Scene]):
     def __len__(self) -> int:
         return len(self._chosen)
 
-    def __getitem__(self, position):
+    @overload
+    def __getitem__(self, position: int) -> Scene: ...
+
+    @overload
+    def __getitem__(self, position: slice) -> list[Scene]: ...
+
+    def __getitem__(self, position: int | slice) -> Scene | list[Scene]:
         if isinstance(position, slice):
             return [self._scene(name) for name in self._chosen[position]]
         return self._scene(self._chosen[position])
