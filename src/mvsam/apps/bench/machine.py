@@ -6,18 +6,23 @@ import torch
 
 from mvsam.apps.bench.clock import StageClock
 from mvsam.mvs.sweep import load_kernel
+from mvsam.precision import has_native_bfloat16
 from mvsam.provenance import provenance
 
 
 def machine_record(device: str) -> dict:
-    """Provenance, cores, and how fast matrix products are."""
+    """Provenance, cores, and how fast matrix products are.
+
+    `bfloat16_gflops` is None where the device only emulates them, which takes minutes to measure.
+    """
+    is_native = has_native_bfloat16(device)
     return {
         **provenance(),
         "ran_on": device,
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads(),
         "kernel": "compiled" if load_kernel() else "plain PyTorch",
-        "bfloat16_gflops": matmul_gflops(torch.bfloat16, device),
+        "bfloat16_gflops": matmul_gflops(torch.bfloat16, device) if is_native else None,
         "float32_gflops": matmul_gflops(torch.float32, device),
     }
 
