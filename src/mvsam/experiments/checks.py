@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mvsam.data.catalog import open_data
 from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.mixture import parse_sources
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment
 from mvsam.types import Model
@@ -64,8 +65,15 @@ def check_model(experiment: Experiment, model: Model) -> None:
 
 def classes_of(experiment: Experiment) -> ClassTable:
     """The classes of the training scenes: those a folder brings, else ScanNet's 20."""
-    first = open_data(experiment.data.train)[0]
-    classes = getattr(first, "classes", SCANNET20)
+    names = [source.name for source in parse_sources(experiment.data.train)]
+    tables = [getattr(open_data(name)[0], "classes", SCANNET20) for name in names]
+    classes = tables[0]
+    for name, table in zip(names, tables, strict=True):
+        if table.names != classes.names:
+            raise InputError(
+                f"run {experiment.name}: {name} has other classes than {names[0]}; mix scenes of "
+                "the same classes."
+            )
     wanted = experiment.model.num_classes
     if wanted not in (None, len(classes)):
         raise InputError(

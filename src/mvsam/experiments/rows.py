@@ -190,6 +190,7 @@ def _scannet_run(row: Row) -> RowRun:
             num_views=row.views,
             mirror=recipe.mirror,
             color_jitter=recipe.color_jitter,
+            cache="cache",
             workers=4,
         ),
         loss=recipe.loss,
