@@ -11,7 +11,7 @@ from mvsam.training.module import TrainConfig
 from mvsam.training.optim import OneCycle, OptimizerConfig
 
 _ROOMS = DataConfig(
-    train="rooms:train:0-6000",
+    train="rooms:train:0-2500",
     references=3,
     room_frames=3,
     mirror=True,
@@ -28,7 +28,7 @@ _FULL = replace(
     pose_noise=(0.002, 0.05),
 )
 """One reference a sample: at full size the cascade costs most, and other rooms teach more."""
-_SINGLE = replace(_HALF, train="rooms:train:0-2500", num_views=1, references=1)
+_SINGLE = replace(_HALF, num_views=1, references=1)
 """A picture of the three of each room: kept rooms cost nothing the second time, and a picture costs
 twice as much to render as to learn from."""
 
@@ -57,8 +57,8 @@ _TINY_HALF = Experiment(
     model=ModelConfig("tiny", init=(_SEMANTIC,)),
     data=_HALF,
     loss=_LOSS,
-    optimizer=OptimizerConfig(lr=6e-4, steps=520, gradient_clip=1.0),
-    train=TrainConfig(batch_size=4, val_every=130, checkpoint_every=40),
+    optimizer=OptimizerConfig(lr=6e-4, steps=300, gradient_clip=1.0, schedule=OneCycle()),
+    train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
 )
 
 _RUNS = (
@@ -79,7 +79,7 @@ _RUNS = (
         model=ModelConfig("tiny", init=("runs/tiny_half/model.safetensors",)),
         data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=300, gradient_clip=1.0),
+        optimizer=OptimizerConfig(lr=4e-4, steps=300, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
