@@ -162,6 +162,20 @@ def test_baselines_run_from_a_video_to_some_strides_and_wide_ones_turn_towards_t
     assert max(turns) > 5 and max(turns) < 35
 
 
+def turns(split: str) -> list[float]:
+    """Degrees between the directions of neighbouring frames of 12 rooms."""
+    paths = [rooms.scene(split, index, 3, 32, 24).cameras for index in range(12)]
+    directions = [[camera.world_from_cam[:3, 2] for camera in path] for path in paths]
+    pairs = [pair for path in directions for pair in pairwise(path)]
+    return [float(np.degrees(np.arccos(here @ there))) for here, there in pairs]
+
+
+def test_wide_paths_turn_as_single_photos_do():
+    wide = turns("wide")
+    assert np.median(wide) > 2 * np.median(turns("train"))
+    assert 12 < np.median(wide) < 35 and max(wide) < 75
+
+
 def test_poses_are_rotations_with_the_sky_above(scenes):
     for camera in scenes[0].cameras:
         rotation = camera.world_from_cam[:3, :3]
@@ -189,7 +203,7 @@ def test_an_index_out_of_range_is_refused(split, index):
 
 
 def test_an_unknown_split_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="train, val, test"):
+    with pytest.raises(InputError, match="train, wide, val, test"):
         rooms.scene("dev", 0)
 
 

@@ -22,12 +22,13 @@ _HALF = replace(_ROOMS, size=(160, 128), semantic_size=(320, 256))
 """SAM sees the pictures at full size, which costs it nothing, and all else is half as large."""
 _FULL = replace(
     _ROOMS,
-    train="rooms:train:0-1500",
+    train="0.5 @ rooms:train:0-2500 + 0.5 @ rooms:wide:0-800",
     references=1,
     farthest=(4.0, 7.0),
     pose_noise=(0.002, 0.05),
 )
-"""One reference a sample: at full size the cascade costs most, and other rooms teach more."""
+"""One reference a sample: at full size the cascade costs most, and other rooms teach more. Half of
+the views lie as those of real photos, which share half as much as a video's."""
 _SINGLE = replace(_HALF, num_views=1, references=1)
 """A picture of the three of each room: kept rooms cost nothing the second time, and a picture costs
 twice as much to render as to learn from."""
