@@ -1,4 +1,4 @@
-// Gradient of a convolution's weights on the CPU: kernels of 3x3 or 3x3x3, stride 1 or 2, padding 1.
+// Gradient of a convolution's weights on the CPU: 3x3 or 3x3x3 taps, stride 1 or 2, padding 1.
 //
 // oneDNN has no kernel for it with AVX2 and writes out the products of a matrix instead
 // (docs/log.md). Volumes are channels-last float32. With stride 1 both are of one size; with
