@@ -26,6 +26,7 @@ from mvsam.experiments.loaders import ExperimentData
 from mvsam.experiments.pictures import ValidationPictures
 from mvsam.experiments.stopping import SafeStop
 from mvsam.experiments.throughput import Throughput
+from mvsam.memory import keep_freed_memory
 from mvsam.precision import has_native_bfloat16
 from mvsam.provenance import commit
 from mvsam.training.module import TrainingModule
@@ -64,6 +65,8 @@ def train(
     check_settings(experiment, devices * num_nodes)
     device = device_of(accelerator)
     seed_everything(experiment.train.seed, workers=True, verbose=False)
+    if device == "cpu":
+        keep_freed_memory()
     if device == "cpu" and devices > 1:
         torch.set_num_threads(1)  # two threads in each of two processes wait for each other
     classes = classes_of(experiment)
