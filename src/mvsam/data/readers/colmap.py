@@ -1,7 +1,7 @@
 """COLMAP models, text and binary, every perspective camera model, read through pycolmap.
 
-A model's unit is arbitrary unless it was aligned: give `--scale`, metres a unit, or put measured
-depth beside the photos, from which it is found.
+A model's unit is arbitrary unless it was aligned: give `--scale`, metres a unit or between two
+cameras, or put measured depth beside the photos, from which it is found.
 """
 
 import logging
@@ -78,7 +78,7 @@ def open_colmap(path: Path) -> Scene:
     if scale is None:
         log.warning(
             "%s: a COLMAP model has no unit, so its scale is unknown; depths are metric only if it "
-            "was aligned, or with --scale, metres a unit.",
+            "was aligned, or with --scale, metres a unit or between the cameras of two photos.",
             path,
         )
         return scene
