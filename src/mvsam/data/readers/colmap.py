@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mvsam.data.files import check_map, check_photo, load_depth, load_photo
+from mvsam.data.readers.colmap_binary import check_binary_model
 from mvsam.data.readers.colmap_scale import metres_a_unit
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
 from mvsam.data.scaled import ScaledScene
@@ -60,6 +61,7 @@ def open_colmap(path: Path) -> Scene:
     if folder is None:
         raise InputError(f"{path}: no COLMAP model (cameras, images) in it or in sparse/0.")
     pycolmap = import_pycolmap()
+    check_binary_model(folder)
     try:
         model = pycolmap.Reconstruction(str(folder))
         posed = (image for image in model.images.values() if image.has_pose)
