@@ -1,5 +1,6 @@
 """Published rules of views, tuples from files, keyframes, and recordings too long for all pairs."""
 
+import io
 import pickle
 from dataclasses import replace
 
@@ -150,6 +151,57 @@ def test_a_strangers_pickle_is_refused_and_not_run(tmp_path, entry, capsys):
     with pytest.raises(InputError, match="expected MVS2D's list"):
         read_tuples(file)
     assert capsys.readouterr().out == ""
+
+
+def npy(pickled: bytes) -> bytes:
+    """A .npy file of one object, whose pickle is this."""
+    buffer = io.BytesIO()
+    header = {"descr": "|O", "fortran_order": False, "shape": (1,)}
+    np.lib.format.write_array_header_1_0(buffer, header)
+    return buffer.getvalue() + pickled
+
+
+@pytest.mark.parametrize("protocol", [2, 3, 4])
+def test_splits_of_every_numpy_are_read(tmp_path, protocol):
+    entry = {"scene": np.str_("a"), "target": np.int64(20), "refs": np.array([0, 40])}
+    pickled = pickle.dumps(np.array([entry], dtype=object), protocol)
+    (tmp_path / "split.npy").write_bytes(npy(pickled))
+    assert read_tuples(tmp_path / "split.npy") == {"a": [(20, 0, 40)]}
+
+
+def nested(depth: int) -> bytes:
+    """The pickle of a list that holds a list twice, which holds a list twice, and so on."""
+    value: list = []
+    for _ in range(depth):
+        value = [value, value]
+    return pickle.dumps([{"scene": value, "target": 1, "refs": [2]}], 4)
+
+
+class Huge:
+    """An array of so many numbers that were not pickled."""
+
+    def __reduce__(self):
+        state = (1, (2**33,), np.dtype("i1"), False, b"12")
+        return (np._core.multiarray._reconstruct, (np.ndarray, (0,), b"b"), state)  # pyright: ignore
+
+
+@pytest.mark.parametrize(
+    "pickled, message",
+    [
+        (b"\x80\x04\x95" + b"\xff" * 7 + b"\0].", "FRAME of"),
+        (b"\x80\x02]r" + (2**31).to_bytes(4, "little") + b".", "LONG_BINPUT of"),
+        (b"\x80\x04\x8e" + (2**40).to_bytes(8, "little") + b".", "only 1 remain"),
+        (pickle.dumps([Huge()], 4), "2 numbers for an array"),
+        (nested(60), "a list as scene"),
+    ],
+    ids=["frame", "memo", "bytes", "array", "nested lists"],
+)
+def test_a_split_that_claims_more_than_it_holds_is_refused_before_memory_is_taken(
+    tmp_path, pickled, message
+):
+    (tmp_path / "split.npy").write_bytes(npy(pickled))
+    with pytest.raises(InputError, match=message):
+        read_tuples(tmp_path / "split.npy")
 
 
 @pytest.mark.parametrize(

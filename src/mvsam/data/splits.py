@@ -1,10 +1,13 @@
 """Lists of scenes and of view tuples that come as files: ScanNet's splits, MVS2D's triplets."""
 
+import io
+import math
 import pickle
+import pickletools
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,13 +15,8 @@ from mvsam.errors import InputError
 
 SCAN_FOLDERS = ("", "scans", "scans_test", "../scans", "../scans_test")
 """Where scans lie, seen from the folder of their list."""
-_PICKLED_BY_NUMPY = {
-    ("numpy", "ndarray"),
-    ("numpy", "dtype"),
-    *(("numpy.core.multiarray", name) for name in ("_reconstruct", "scalar")),
-    *(("numpy._core.multiarray", name) for name in ("_reconstruct", "scalar")),
-}
 _LARGEST_FILE = 256 * 2**20
+_MOST_SOURCES = 1000
 
 TuplesByScene = dict[str, list[tuple[int, ...]]]
 """Scene -> frame numbers of each tuple: the reference, then its sources."""
@@ -96,12 +94,9 @@ def _text_entries(file: Path) -> Iterable[tuple[str, list[int]]]:
 def _npy_entries(file: Path) -> Iterable[tuple[str, list[int]]]:
     """A list of dictionaries `scene`, `target`, `refs`, as numpy pickles it."""
     try:
-        with file.open("rb") as stream:
-            entries = _read_objects(stream, file.stat().st_size)
-        return [
-            (str(e["scene"]), [int(e["target"]), *(int(number) for number in e["refs"])])
-            for e in entries
-        ]
+        if (size := file.stat().st_size) > _LARGEST_FILE:
+            raise ValueError(f"{size} bytes are too many for a list")
+        return [_entry(value) for value in _read_objects(file.read_bytes())]
     except Exception as error:  # a damaged pickle raises almost anything
         raise InputError(
             f"{file}: expected MVS2D's list of 'scene', 'target' and 'refs' ({error}); copy it "
@@ -109,23 +104,71 @@ def _npy_entries(file: Path) -> Iterable[tuple[str, list[int]]]:
         ) from error
 
 
-def _read_objects(stream: BinaryIO, size: int) -> list[Any]:
+def _entry(value: Any) -> tuple[str, list[int]]:
+    """Strict, because one list may stand in a pickle at many places, and within itself."""
+    scene, sources = value["scene"], value["refs"]
+    if not isinstance(scene, str) or len(sources) > _MOST_SOURCES:
+        raise ValueError(f"a {type(scene).__name__} as scene with {len(sources)} sources")
+    return str(scene), [int(value["target"]), *(int(number) for number in sources)]
+
+
+def _read_objects(content: bytes) -> list[Any]:
     """The objects of a .npy file, without running what a stranger may have put into it."""
-    if size > _LARGEST_FILE:
-        raise ValueError(f"{size} bytes are too many for a list")
+    stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     if version != (1, 0):
         raise ValueError(f"version {version}")
     _, _, dtype = np.lib.format.read_array_header_1_0(stream)
     if not dtype.hasobject:
         raise ValueError(f"numbers of type {dtype}, no list of objects")
+    _check_lengths(content[stream.tell() :])
     return list(_NumpyAlone(stream, encoding="latin1").load())
 
 
+def _check_lengths(pickled: bytes) -> None:
+    """ValueError for a pickle that claims more than it holds: memory is taken for claims first."""
+    for opcode, argument, _ in pickletools.genops(pickled):  # which refuses strings that are short
+        is_claim = opcode.name in ("FRAME", "PUT", "BINPUT", "LONG_BINPUT")
+        if is_claim and not 0 <= int(argument or 0) <= len(pickled):
+            raise ValueError(f"{opcode.name} of {argument} in {len(pickled)} bytes")
+
+
+class _Array(np.ndarray):
+    """As a pickle fills one, but of no more numbers than were pickled."""
+
+    def __setstate__(self, state: Any) -> None:
+        _, shape, _, _, values = state
+        if math.prod(shape) > len(values):
+            raise ValueError(f"{len(values)} numbers for an array of {shape}")
+        super().__setstate__(state)
+
+
+def _empty(*_: Any) -> _Array:
+    return np.empty(0, "b").view(_Array)
+
+
+def _number(dtype: Any, value: bytes | str) -> np.generic:
+    return np.frombuffer(_bytes(value), np.dtype(dtype), count=1)[0]
+
+
+def _bytes(text: bytes | str, _: str = "latin1") -> bytes:
+    """Pickles of old protocols hold bytes as text."""
+    return text.encode("latin1") if isinstance(text, str) else text
+
+
 class _NumpyAlone(pickle.Unpickler):
-    """Refuses every class but numpy's arrays and numbers."""
+    """Knows numpy's arrays and numbers, each in a form that takes no more memory than the file."""
+
+    known: ClassVar[dict[str, Any]] = {
+        "numpy.ndarray": None,  # which `_reconstruct` is always told to make
+        "numpy.dtype": np.dtype,
+        "numpy.core.multiarray._reconstruct": _empty,
+        "numpy.core.multiarray.scalar": _number,
+        "_codecs.encode": _bytes,
+    }
 
     def find_class(self, module_name: str, global_name: str) -> Any:
-        if (module_name, global_name) not in _PICKLED_BY_NUMPY:
+        name = f"{module_name.replace('numpy._core', 'numpy.core')}.{global_name}"
+        if name not in self.known:
             raise pickle.UnpicklingError(f"it wants to call {module_name}.{global_name}")
-        return super().find_class(module_name, global_name)
+        return self.known[name]
