@@ -1,5 +1,7 @@
 """COLMAP models, written here with pycolmap itself or as its text format documents."""
 
+import struct
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -189,3 +191,20 @@ def test_every_camera_model_of_colmap_has_its_length_here(tmp_path):
         if name != "INVALID":
             camera = pycolmap.Camera.create_from_model_id(1, identifier, 50.0, 64, 48)
             assert colmap_binary.PARAMETERS[int(identifier)] == len(camera.params)
+
+
+def test_images_and_points_of_two_models_are_refused(tmp_path):
+    folder = write_binary_model(tmp_path)
+    (tmp_path / "source/depth").rename(tmp_path / "depth")
+    (folder / "points3D.bin").write_bytes(bytes(8))
+    with pytest.raises(InputError, match=r"0000\.png sees points that the COLMAP model lacks"):
+        open_scene(tmp_path)
+
+
+def test_a_pose_that_has_no_inverse_is_refused(tmp_path):
+    frames = write_binary_model(tmp_path) / "frames.bin"
+    content = bytearray(frames.read_bytes())
+    content[16:48] = struct.pack("<4d", 0, 1.5e51, 0, 6.8e45)  # COLMAP takes it as normalised
+    frames.write_bytes(content)
+    with pytest.raises(InputError, match="the pose is not"):
+        open_scene(tmp_path)

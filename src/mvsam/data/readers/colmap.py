@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from mvsam.data.checks import check_pose
 from mvsam.data.files import check_map, check_photo, load_depth, load_photo
 from mvsam.data.readers.colmap_binary import check_binary_model
 from mvsam.data.readers.colmap_scale import metres_a_unit
@@ -113,6 +114,7 @@ def _frame(photos: Path, image, camera, folder: Path, depth: Path | None) -> Fra
         )
     cam_from_world = np.eye(4)
     cam_from_world[:3] = image.cam_from_world().matrix()
+    check_pose(cam_from_world, item)  # before it is inverted: a damaged quaternion may be all 0
     lens = None if _is_pinhole(camera) else _lens(camera, size, intrinsics)
     if depth:
         check_map(depth, "depth", size)
