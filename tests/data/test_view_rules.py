@@ -177,6 +177,11 @@ def nested(depth: int) -> bytes:
     return pickle.dumps([{"scene": value, "target": 1, "refs": [2]}], 4)
 
 
+def frame(length: int) -> bytes:
+    """The beginning of a frame of a pickle."""
+    return b"\x95" + length.to_bytes(8, "little")
+
+
 class Huge:
     """An array of so many numbers that were not pickled."""
 
@@ -189,13 +194,14 @@ class Huge:
 @pytest.mark.parametrize(
     "pickled, message",
     [
-        (b"\x80\x04\x95" + b"\xff" * 7 + b"\0].", "FRAME of"),
+        (frame(2**60) + b"].", "holds no view tuple"),
+        (frame(12) + b"]" + frame(5) + b"C\x05r\xff\xff\xff\x7f.", "not subscriptable"),
         (b"\x80\x02]r" + (2**31).to_bytes(4, "little") + b".", "LONG_BINPUT of"),
         (b"\x80\x04\x8e" + (2**40).to_bytes(8, "little") + b".", "only 1 remain"),
         (pickle.dumps([Huge()], 4), "2 numbers for an array"),
         (nested(60), "a list as scene"),
     ],
-    ids=["frame", "memo", "bytes", "array", "nested lists"],
+    ids=["frame", "frame in frame", "memo", "bytes", "array", "nested lists"],
 )
 def test_a_split_that_claims_more_than_it_holds_is_refused_before_memory_is_taken(
     tmp_path, pickled, message

@@ -121,16 +121,24 @@ def _read_objects(content: bytes) -> list[Any]:
     _, _, dtype = np.lib.format.read_array_header_1_0(stream)
     if not dtype.hasobject:
         raise ValueError(f"numbers of type {dtype}, no list of objects")
-    _check_lengths(content[stream.tell() :])
-    return list(_NumpyAlone(stream, encoding="latin1").load())
+    pickled = io.BytesIO(_unframed(content[stream.tell() :]))
+    return list(_NumpyAlone(pickled, encoding="latin1").load())
 
 
-def _check_lengths(pickled: bytes) -> None:
-    """ValueError for a pickle that claims more than it holds: memory is taken for claims first."""
-    for opcode, argument, _ in pickletools.genops(pickled):  # which refuses strings that are short
-        is_claim = opcode.name in ("FRAME", "PUT", "BINPUT", "LONG_BINPUT")
-        if is_claim and not 0 <= int(argument or 0) <= len(pickled):
+def _unframed(pickled: bytes) -> bytes:
+    """The same pickle without frames; ValueError where it would take more memory than it is long.
+
+    The unpickler takes memory for a frame or a memo before it knows that there is so much. And a
+    frame within a frame makes it skip bytes, so that it would not read what is checked here.
+    """
+    parts, start = [], 0
+    for opcode, argument, place in pickletools.genops(pickled):  # which refuses short strings
+        if opcode.name == "FRAME":
+            parts.append(pickled[start:place])
+            start = (place or 0) + 9
+        elif opcode.name.endswith("PUT") and not 0 <= int(argument or 0) <= len(pickled):
             raise ValueError(f"{opcode.name} of {argument} in {len(pickled)} bytes")
+    return b"".join([*parts, pickled[start:]])
 
 
 class _Array(np.ndarray):
