@@ -208,3 +208,14 @@ def test_a_pose_that_has_no_inverse_is_refused(tmp_path):
     frames.write_bytes(content)
     with pytest.raises(InputError, match="the pose is not"):
         open_scene(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["text", "binary"])
+def test_panoramas_are_refused(tmp_path, form):
+    write_colmap(tmp_path)
+    folder = tmp_path / "sparse/0"
+    (folder / "cameras.txt").write_text("1 EQUIRECTANGULAR 64 48 64 48\n")
+    if form == "binary":
+        pycolmap.Reconstruction(str(folder)).write_binary(str(folder))
+    with pytest.raises(InputError, match=r"0000\.png: COLMAP's EQUIRECTANGULAR pictures"):
+        open_scene(tmp_path)

@@ -100,6 +100,10 @@ def _frame(photos: Path, image, camera, folder: Path, depth: Path | None) -> Fra
     item = f"{folder}: {image.name}"
     file = file_inside(photos, image.name, item)
     size = check_photo(file)
+    if camera.model_name == "EQUIRECTANGULAR":  # pycolmap crashes when asked for its focal length
+        raise InputError(
+            f"{item}: COLMAP's EQUIRECTANGULAR pictures cannot be made pinhole; cut them up."
+        )
     intrinsics = corner_intrinsics(
         camera.focal_length_x,
         camera.focal_length_y,
@@ -145,8 +149,6 @@ def _load_depth(file: Path, intrinsics: np.ndarray, lens: ColmapLens | None) -> 
 
 
 def _is_pinhole(camera) -> bool:
-    if camera.model_name == "EQUIRECTANGULAR":
-        raise InputError("COLMAP's EQUIRECTANGULAR pictures cannot be made pinhole; cut them up.")
     return camera.model_name in ("PINHOLE", "SIMPLE_PINHOLE")
 
 
