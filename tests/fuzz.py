@@ -18,11 +18,11 @@ import re
 import resource
 import sys
 import tempfile
-import traceback
 import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import atheris  # pyright: ignore
@@ -206,22 +206,7 @@ def read_or_refuse(target: Target, folder: Path, content: bytes) -> None:
         raise MemoryError(f"{grown // 2**20} MB for {len(content)} bytes")
 
 
-def tester(target: Target, folder: Path, found: Path) -> Callable[[bytes], None]:
-    """`read_or_refuse` that keeps what it finds; crashes and endless inputs libFuzzer keeps."""
-
-    def test(content: bytes) -> None:
-        try:
-            read_or_refuse(target, folder, content)
-        except BaseException:
-            name = f"crash-{hashlib.sha256(content).hexdigest()[:8]}"
-            (found / name).write_bytes(content)
-            traceback.print_exc()
-            raise
-
-    return test
-
-
-def fuzz(name: str, folder: Path, found: Path, seconds: int, again: Path | None) -> None:
+def fuzz(name: str, folder: Path, seconds: int, again: Path | None) -> None:
     """Ends the process: with 0 when the time is over, else with what was found."""
     target = TARGETS[name]
     target.prepare(folder)
@@ -233,10 +218,10 @@ def fuzz(name: str, folder: Path, found: Path, seconds: int, again: Path | None)
     resource.setrlimit(resource.RLIMIT_AS, (MOST_ADDRESSES, MOST_ADDRESSES))
     options = [
         f"-max_total_time={seconds}", f"-timeout={SECONDS_AN_INPUT}", "-rss_limit_mb=3072",
-        f"-max_len={2 * len(seed)}", f"-artifact_prefix={found}/", "-print_final_stats=1",
+        f"-max_len={2 * len(seed)}", f"-artifact_prefix={folder}/", "-print_final_stats=1",
         "-len_control=0",
     ]  # fmt: skip
-    atheris.Setup([name, *options, str(again or corpus)], tester(target, folder, found))
+    atheris.Setup([name, *options, str(again or corpus)], partial(read_or_refuse, target, folder))
     atheris.Fuzz()
 
 
@@ -246,10 +231,14 @@ def in_a_process(name: str, found: Path, seconds: int, again: Path | None) -> bo
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         process = multiprocessing.get_context("fork").Process(
-            target=fuzz, args=(name, Path(folder), found, seconds, again)
+            target=fuzz, args=(name, Path(folder), seconds, again)
         )
         process.start()
         process.join()
+        if process.exitcode:  # the file it was reading
+            content = (Path(folder) / TARGETS[name].file).read_bytes()
+            digest = hashlib.sha256(content).hexdigest()
+            (found / f"crash-{digest[:8]}").write_bytes(content)
     print(f"{name}: {'a find' if process.exitcode else 'nothing found'}", flush=True)
     return process.exitcode == 0
 
