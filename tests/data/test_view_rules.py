@@ -182,13 +182,31 @@ def frame(length: int) -> bytes:
     return b"\x95" + length.to_bytes(8, "little")
 
 
-class Huge:
-    """An array of so many numbers that were not pickled."""
+class Array:
+    """Pickled as an array of this type and these bytes; a type may have a state of its own."""
+
+    def __init__(self, *kind, data=b"12"):
+        self.kind, self.data = kind, data
 
     def __reduce__(self):
-        state = (1, (2**33,), np.dtype("i1"), False, b"12")
         make = np.empty(0).__reduce__()[0]
-        return make, (np.ndarray, (0,), b"b"), state
+        return make, (np.ndarray, (0,), b"b"), (1, (2**33,), Type(self.kind), False, self.data)
+
+
+class Type:
+    def __init__(self, kind):
+        self.kind = kind
+
+    def __reduce__(self):
+        return np.dtype, self.kind[:1], *self.kind[1:]
+
+
+ODD = (3, "|", None, None, None, -1, -1, 63)
+"""A state that NumPy's own types of time crash for."""
+
+
+def split_of(sources) -> bytes:
+    return pickle.dumps([{"scene": "a", "target": 1, "refs": sources}], 4)
 
 
 @pytest.mark.parametrize(
@@ -198,10 +216,13 @@ class Huge:
         (frame(12) + b"]" + frame(5) + b"C\x05r\xff\xff\xff\x7f.", "not subscriptable"),
         (b"\x80\x02]r" + (2**31).to_bytes(4, "little") + b".", "LONG_BINPUT of"),
         (b"\x80\x04\x8e" + (2**40).to_bytes(8, "little") + b".", "only 1 remain"),
-        (pickle.dumps([Huge()], 4), "2 numbers for an array"),
+        (split_of(Array("i8")), "buffer size must be a multiple"),
+        (split_of(Array("i1", data=bytes(5000))), "a str as scene with 1001 sources"),
+        (split_of(Array("M8", ODD)), "numbers of type M8"),
+        (split_of(Array("V99999999")), "numbers of type V"),
         (nested(60), "a list as scene"),
     ],
-    ids=["frame", "frame in frame", "memo", "bytes", "array", "nested lists"],
+    ids=["frame", "frame in frame", "memo", "bytes", "array", "sources", "time", "void", "lists"],
 )
 def test_a_split_that_claims_more_than_it_holds_is_refused_before_memory_is_taken(
     tmp_path, pickled, message

@@ -1,11 +1,11 @@
 """Lists of scenes and of view tuples that come as files: ScanNet's splits, MVS2D's triplets."""
 
 import io
-import math
 import pickle
 import pickletools
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -106,7 +106,7 @@ def _npy_entries(file: Path) -> Iterable[tuple[str, list[int]]]:
 
 def _entry(value: Any) -> tuple[str, list[int]]:
     """Strict, because one list may stand in a pickle at many places, and within itself."""
-    scene, sources = value["scene"], value["refs"]
+    scene, sources = value["scene"], list(islice(value["refs"], _MOST_SOURCES + 1))
     if not isinstance(scene, str) or len(sources) > _MOST_SOURCES:
         raise ValueError(f"a {type(scene).__name__} as scene with {len(sources)} sources")
     return str(scene), [int(value["target"]), *(int(number) for number in sources)]
@@ -141,38 +141,57 @@ def _unframed(pickled: bytes) -> bytes:
     return b"".join([*parts, pickled[start:]])
 
 
-class _Array(np.ndarray):
-    """As a pickle fills one, but of no more numbers than were pickled."""
+class _Kind:
+    """A plain `numpy.dtype`; that of NumPy itself crashes for some states."""
+
+    def __init__(self, code: str, *_: Any):
+        if not re.fullmatch(r"[?biufOSU][0-9]{0,3}", code):
+            raise ValueError(f"numbers of type {code}")
+        self.code, self.order = code, "="
 
     def __setstate__(self, state: Any) -> None:
-        _, shape, _, _, values = state
-        if math.prod(shape) > len(values):
-            raise ValueError(f"{len(values)} numbers for an array of {shape}")
-        super().__setstate__(state)
+        self.order = str(state[1])
+
+    def read(self, data: bytes | str, count: int) -> np.ndarray:
+        """The first so many numbers; old pickles hold bytes as text, a byte a character."""
+        kind = np.dtype(self.order + self.code)
+        data = data[: count * kind.itemsize]
+        return np.frombuffer(data.encode("latin1") if isinstance(data, str) else data, kind)
 
 
-def _empty(*_: Any) -> _Array:
-    return np.empty(0, "b").view(_Array)
+class _Array:
+    """The numbers of a `numpy.ndarray`, read when they are asked for, or its list of objects."""
+
+    def __init__(self, *_: Any):
+        self.kind = _Kind("O")
+        self.values: Any = []
+
+    def __setstate__(self, state: Any) -> None:
+        _, _, self.kind, _, self.values = state
+
+    def __iter__(self) -> Iterator[Any]:
+        if self.kind.code.startswith("O"):
+            return iter(self.values)
+        return iter(self.kind.read(self.values, _MOST_SOURCES + 1))
 
 
-def _number(dtype: Any, value: bytes | str) -> np.generic:
-    return np.frombuffer(_bytes(value), np.dtype(dtype), count=1)[0]
+def _number(kind: _Kind, value: bytes | str) -> np.generic:
+    return kind.read(value, 1)[0]
 
 
-def _bytes(text: bytes | str, _: str = "latin1") -> bytes:
-    """Pickles of old protocols hold bytes as text."""
-    return text.encode("latin1") if isinstance(text, str) else text
+def _as_it_is(text: str, _: str) -> str:
+    return text
 
 
 class _NumpyAlone(pickle.Unpickler):
-    """Knows numpy's arrays and numbers, each in a form that takes no more memory than the file."""
+    """Knows NumPy's arrays and numbers, each in a form that takes no more memory than the file."""
 
     known: ClassVar[dict[str, Any]] = {
         "numpy.ndarray": None,  # which `_reconstruct` is always told to make
-        "numpy.dtype": np.dtype,
-        "numpy.core.multiarray._reconstruct": _empty,
+        "numpy.dtype": _Kind,
+        "numpy.core.multiarray._reconstruct": _Array,
         "numpy.core.multiarray.scalar": _number,
-        "_codecs.encode": _bytes,
+        "_codecs.encode": _as_it_is,
     }
 
     def find_class(self, module_name: str, global_name: str) -> Any:
