@@ -77,11 +77,11 @@ _RUNS = (
     Experiment(
         name="tiny",
         about="Third stage of `tiny`, at the size it is used at.",
-        model=ModelConfig("tiny", init=("runs/tiny_half/model.safetensors",)),
+        model=ModelConfig("tiny", init=("tiny", _SEMANTIC)),
         data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=300, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=4e-4, steps=240, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=4, val_every=120, checkpoint_every=20),
     ),
     Experiment(
         name="tiny_nyu",
