@@ -14,7 +14,9 @@ def test_sources_are_written_as_weights_and_names():
     ]
 
 
-@pytest.mark.parametrize("text", ["0 @ a", "-1 @ a + b", "nan @ a", "inf @ a", "two @ a"])
+@pytest.mark.parametrize(
+    "text", ["0 @ a", "-1 @ a + b", "nan @ a", "inf @ a", "two @ a", "a + ", ""]
+)
 def test_a_weight_that_is_none_is_refused(text: str):
     with pytest.raises(InputError, match="weight above 0"):
         parse_sources(text)

@@ -76,6 +76,14 @@ def test_other_cameras_have_other_shards(scene, tmp_path: Path):
     assert len(list((tmp_path / "cache").iterdir())) == 2
 
 
+def test_labels_that_come_later_are_seen(tmp_path: Path):
+    write_posed_folder(tmp_path / "room", 2, (72, 54), labels=False)
+    ShardedScene(PosedFolder(tmp_path / "room"), tmp_path / "cache", SIZE).frame(0).image  # noqa: B018
+    write_posed_folder(tmp_path / "room", 2, (72, 54))
+    frame = ShardedScene(PosedFolder(tmp_path / "room"), tmp_path / "cache", SIZE).frame(0)
+    assert frame.labels is not None
+
+
 def test_frames_without_depth_or_labels_stay_so(tmp_path: Path):
     write_posed_folder(tmp_path / "room", 2, (72, 54), depth=False, labels=False)
     frame = ShardedScene(PosedFolder(tmp_path / "room"), tmp_path / "cache", SIZE).frame(0)

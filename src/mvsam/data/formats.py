@@ -97,5 +97,9 @@ def _advice(path: Path) -> str:
 
 
 def find_format(path: Path) -> str | None:
-    """The name of the format whose characteristic files lie in the folder `path`, or None."""
-    return next((name for name, format in FORMATS.items() if format.matches(path)), None)
+    """The name of the format whose characteristic files lie in the folder `path`, or None.
+
+    A folder with `color/` that matches none is a posed folder whose poses are missing.
+    """
+    incomplete = "posed-folder" if (path / "color").is_dir() else None
+    return next((name for name, format in FORMATS.items() if format.matches(path)), incomplete)

@@ -34,7 +34,7 @@ def _parse_source(part: str) -> Source:
         number = float(weight) if at else 1.0
     except ValueError:
         number = 0.0
-    if not (np.isfinite(number) and number > 0):
+    if not (np.isfinite(number) and number > 0 and name.strip()):
         raise InputError(f"'{part}': expected WEIGHT @ DATA with a weight above 0, as 0.5 @ scans.")
     return Source(number, name.strip())
 

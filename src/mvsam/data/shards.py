@@ -89,7 +89,8 @@ class ShardedScene:
         digest = hashlib.sha256(repr((self._size, self._crop, self._used)).encode())
         for index in self._used:
             frame = self._scene.frame(index)
-            digest.update(frame.name.encode())
+            maps = frame.load_depth is not None, frame.load_labels is not None
+            digest.update(repr((frame.name, frame.size, maps)).encode())
             digest.update(frame.intrinsics.tobytes() + frame.world_from_cam.tobytes())
         return self._folder / f"{self.name.replace('/', '-')}-{digest.hexdigest()[:12]}"
 

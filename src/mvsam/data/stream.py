@@ -35,7 +35,8 @@ class DataConfig:
     """Scenes to watch while training."""
     tuples: str | None = None
     """Which frames of recorded scans go together: mvs2d, every-100, keyframes, or a file of tuples,
-    as `mvsam eval --tuples`; none: a scene's own, or by overlap. Rooms have their own."""
+    as `mvsam eval --tuples`; none: a scene's own, or by overlap. Rooms have their own; `val` is
+    watched by the same rule, not by a file."""
     num_views: int = 3
     """The paper's M."""
     fewest_views: int | None = None

@@ -80,8 +80,8 @@ _RUNS = (
         model=ModelConfig("tiny", init=("tiny", _SEMANTIC)),
         data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=240, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=4, val_every=120, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=4e-4, steps=170, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=4, val_every=85, checkpoint_every=20),
     ),
     Experiment(
         name="tiny_nyu",
