@@ -77,7 +77,7 @@ def albedo(
     """Linear albedo; `footprint` is the size of a pixel on the surface, metres."""
     color = np.empty((3, len(material)), dtype=np.float32)
     pattern = table.pattern[material]
-    for number in np.unique(pattern):
+    for number in np.flatnonzero(np.bincount(pattern)):
         at = np.flatnonzero(pattern == number)
         which = material[at]
         if PATTERNS[number] == "image":
