@@ -57,8 +57,8 @@ def look(position: np.ndarray, yaw_deg: Number, pitch_deg: Number, roll_deg: Num
 def clearance(room: Room, positions: np.ndarray) -> np.ndarray:
     """Distance from each place to the nearest surface, metres, by 66 rays."""
     directions = _sphere()
-    origins = np.repeat(positions.astype(np.float32), len(directions), axis=0)
-    rays = np.tile(directions, (len(positions), 1))
+    origins = np.repeat(positions.astype(np.float32).T, directions.shape[1], axis=1)
+    rays = np.tile(directions, len(positions))
     return room.nearest(origins, rays).reshape(len(positions), -1).min(axis=1)
 
 
@@ -66,7 +66,7 @@ def _sphere(count: int = 66) -> np.ndarray:
     height = (np.arange(count) + 0.5) / count * 2 - 1
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
     out = np.sqrt(1 - height**2)
-    return np.column_stack([out * np.cos(turn), out * np.sin(turn), height]).astype(np.float32)
+    return np.stack([out * np.cos(turn), out * np.sin(turn), height]).astype(np.float32)
 
 
 def camera_path(
@@ -199,7 +199,7 @@ def _interest(room: Room, lens, poses, width: int, height: int) -> float:
     """How much there is to see: many classes, at arm's length to a few metres."""
     camera = Camera(lens, poses[len(poses) // 2], width, height)
     column, row = np.meshgrid((np.arange(20) + 0.5) / 20, (np.arange(16) + 0.5) / 16)
-    pixels = np.column_stack([column.ravel() * width, row.ravel() * height])
+    pixels = np.stack([column.ravel() * width, row.ravel() * height])
     hits = room.trace(*camera.rays(pixels))
     labels = room.labels[hits.triangle]
     share = np.bincount(labels, minlength=256) / len(labels)
