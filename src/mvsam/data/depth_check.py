@@ -76,10 +76,6 @@ ALL_READINGS = (
     Reading("have transposed rotations; transpose the upper left 3x3 of each", _turned_back),
     Reading("have translations in millimetres; divide them by 1000", _moved(1e-3)),
     Reading("have translations in kilometres; multiply them by 1000", _moved(1e3)),
-    *(
-        Reading(f"have another unit, of about {unit:g} m; give --scale", _moved(unit))
-        for unit in (0.01, 0.1, 0.2, 0.3, 0.45, 0.65, 1.5, 2.2, 3.3, 5.0, 10.0)
-    ),
     Reading(HALF_SIZE, size_factor=2.0),
     Reading(DOUBLE_SIZE, size_factor=0.5),
     Reading(
@@ -94,6 +90,13 @@ ALL_READINGS = (
         for n, angle in ((1, "90"), (2, "180"), (3, "270"))
     ),
 )
+
+IN_ANOTHER_UNIT = tuple(
+    Reading(f"have another unit, of about {unit:g} m; give --scale", _moved(unit))
+    for unit in (0.01, 0.1, 0.2, 0.3, 0.45, 0.65, 1.5, 2.2, 3.3, 5.0, 10.0)
+)
+"""Asked of five frames or more: by one of them, few frames meet by chance."""
+FEWEST_FOR_UNITS = 5
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,8 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
         few = f"{len(with_depth)} frames with depth are not enough to judge the cameras by."
         return Verdict(None, few, {})
     pairs = _pairs(with_depth, depth_range)
-    readings = [r for r in ALL_READINGS if r.remedy == AS_GIVEN or _is_plausible(with_depth, r)]
+    known = ALL_READINGS + (IN_ANOTHER_UNIT if len(with_depth) >= FEWEST_FOR_UNITS else ())
+    readings = [r for r in known if r.remedy == AS_GIVEN or _is_plausible(with_depth, r)]
     scores = {r.remedy: _agreement(with_depth, pairs, r) for r in readings}
     best = max(scores, key=lambda remedy: scores[remedy])
     given = scores[AS_GIVEN]
