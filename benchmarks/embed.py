@@ -1,20 +1,36 @@
 """Puts a run's weights into the package, in half precision.
 
 python benchmarks/embed.py runs/tiny --name tiny
+python benchmarks/embed.py runs/tiny --name tiny --average earlier/model.safetensors
 """
 
 import argparse
 from pathlib import Path
 
+import torch
+from torch import nn
+
 from mvsam.weights import ASSETS, load, save
+
+
+@torch.no_grad()
+def average_with(model: nn.Module, other: nn.Module) -> None:
+    """Every weight and statistic becomes the mean of the two (Wortsman et al., "Model soups")."""
+    theirs = other.state_dict()
+    for name, value in model.state_dict().items():
+        if value.is_floating_point():
+            value.add_(theirs[name]).div_(2)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("run", help="folder of a finished run, or a checkpoint")
     parser.add_argument("--name", required=True, help="under which mvsam.load finds it")
+    parser.add_argument("--average", help="weights of an earlier run; the mean of both is embedded")
     arguments = parser.parse_args()
     model = load(arguments.run)
+    if arguments.average:
+        average_with(model, load(arguments.average))
     info = model.info
     target = ASSETS / f"{arguments.name}.safetensors"
     save(
