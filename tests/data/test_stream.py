@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader
 from mvsam.data.dataset import make_views
 from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.stream import DataConfig, Onward, SampleStream, TrainingSample, collate_training
+from mvsam.errors import InputError
 from mvsam.types import Targets, Views
 from tests.synthetic import write_posed_folder
 
@@ -116,6 +117,16 @@ def test_sources_mix_in_their_shares(config: DataConfig, tmp_path: Path):
     centres = [stream[n].views.world_from_cam[0, :, :3, 3].numpy() for n in range(100)]
     far = [(abs(c[:, None] - other).sum(-1) < 1e-5).any() for c in centres]
     assert sum(far) == 25
+
+
+def test_scans_have_a_scale_and_a_format(config: DataConfig):
+    doubled, given = SampleStream(replace(config, scale="2"), seed=1), SampleStream(config, seed=1)
+    poses = [stream.sources[0][0].frame(1).world_from_cam for stream in (doubled, given)]
+    np.testing.assert_allclose(poses[0][:3, 3], 2 * poses[1][:3, 3])
+    with pytest.raises(InputError, match="format"):
+        SampleStream(replace(config, format="colma"), seed=1)
+    both = replace(config, train=f"rooms:train:0-2 + {config.train}", scale="2")
+    assert len(SampleStream(both, seed=1).sources) == 2
 
 
 def test_scans_are_seen_by_a_rule(tmp_path: Path):

@@ -5,7 +5,7 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from torch.utils.data import Dataset, Sampler
@@ -33,6 +33,10 @@ class DataConfig:
     `0.7 @ rooms:train:0-3000 + 0.3 @ scans/scannetv2_train.txt`."""
     val: str = "rooms:val:0-20"
     """Scenes to watch while training."""
+    format: str | None = None
+    """Of the recorded scans in `train` and `val`, as `mvsam predict --format`; none: found."""
+    scale: str = "1"
+    """Metres a unit of their poses, or A:B=METRES, as `mvsam predict --scale`."""
     tuples: str | None = None
     """Which frames of recorded scans go together: mvs2d, every-100, keyframes, or a file of tuples,
     as `mvsam eval --tuples`; none: a scene's own, or by overlap. Rooms have their own; `val` is
@@ -85,6 +89,10 @@ class DataConfig:
     """Smallest share of a photo's sides that is cut out anew each time; 1: the whole photo."""
     workers: int = 1
     """Processes that load or render data, for each training process."""
+
+    def of_scans(self, name: str) -> dict[str, Any]:
+        """What `open_data` is told of a source that is no rooms."""
+        return {} if name.startswith("rooms:") else {"format": self.format, "scale": self.scale}
 
 
 class TrainingSample(NamedTuple):
@@ -167,6 +175,7 @@ def _open_source(name: str, config: DataConfig) -> Sequence[Scene]:
         room_size=size,
         cache=config.cache,
         assets=config.assets,
+        **config.of_scans(name),
     )
     if isinstance(scenes, RoomScenes):
         return scenes

@@ -40,7 +40,7 @@ class ExperimentData(LightningDataModule):
     def val_dataloader(self) -> DataLoader:
         data = self.experiment.data
         assert self.trainer is not None
-        scenes = open_data(data.val, cache=data.cache)
+        scenes = open_data(data.val, cache=data.cache, **data.of_scans(data.val))
         if data.tuples in RULES and not data.val.startswith("rooms:"):
             scenes = prescribe(scenes, data.tuples, data.num_views, data.depth_range)
         share = share_of_scenes(len(scenes), self.trainer.global_rank, self.num_processes)
