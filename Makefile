@@ -6,7 +6,7 @@ INSTALLED := .venv/installed
 # One thread a process: the test workers share the cores.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/pytest -n auto
 
-.PHONY: demo test test-slow tables lint types check clean
+.PHONY: demo test test-slow fuzz tables lint types check clean
 .DEFAULT_GOAL := demo
 
 demo: $(INSTALLED)  ## the embedded room through the embedded weights, into out/demo
@@ -17,6 +17,11 @@ test: $(INSTALLED)  ## everything that needs minutes, not more
 
 test-slow: $(INSTALLED)  ## full-size models
 	OMP_NUM_THREADS= $(BIN)/pytest -m slow
+
+fuzz: $(INSTALLED)  ## made-up binary files for 5 minutes a reader; TARGETS="sens split" SECONDS=60
+	$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/python -m pip install --quiet \
+		--disable-pip-version-check --constraint constraints.txt --editable '.[fuzz]'
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz $(TARGETS) --seconds $(or $(SECONDS),300)
 
 # One thread: two of these side by side outrun one of two threads, and share the rows.
 tables: $(INSTALLED)  ## every row of Tables 1-6 on procedural rooms: trained where missing, then shown

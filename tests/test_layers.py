@@ -12,20 +12,23 @@ import mvsam
 PACKAGE = Path(mvsam.__file__).parent  # pyright: ignore[reportArgumentType]
 
 NETWORK = {"encoders", "mvs", "segmentation"}
-BASE = {"types", "errors", "files", "convolution", "memory", "precision", "provenance"}
+CONVOLUTION = {"convolution", "convolution_gradient"}
+BASE = {"types", "errors", "files", "kernels", "memory", "precision", "provenance"} | CONVOLUTION
 MODELS = BASE | {"geometry", "model", "assemblies", "build", "weights"}
 ALLOWED: dict[str, set[str]] = {
     "types": set(),
     "errors": set(),
     "memory": set(),
     "precision": set(),
-    "convolution": set(),
+    "kernels": set(),
+    "convolution_gradient": {"kernels"},
+    "convolution": {"convolution_gradient"},
     "provenance": set(),
     "files": {"errors"},
     "loss_terms": {"types"},
     "geometry": {"types"},
     "encoders": {"types", "errors", "files", "geometry", "convolution"},
-    "mvs": {"types", "geometry", "convolution"},
+    "mvs": {"types", "geometry", "kernels"} | CONVOLUTION,
     "segmentation": {"types", "geometry"},
     "model": {"types", "geometry", *NETWORK},
     "baselines": {"types", "errors", "loss_terms", "geometry", "encoders", "mvs"},

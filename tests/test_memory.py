@@ -1,5 +1,8 @@
+import platform
 import subprocess
 import sys
+
+import pytest
 
 from mvsam.memory import peak_memory
 
@@ -20,3 +23,19 @@ def test_a_child_does_not_begin_with_the_peak_of_its_parent():
         [sys.executable, "-c", statement], check=True, capture_output=True, text=True
     )
     assert int(child.stdout) < len(held)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")
+def test_kept_memory_is_used_again_without_new_pages():
+    script = """
+from resource import RUSAGE_SELF, getrusage
+from mvsam.memory import keep_freed_memory
+keep_freed_memory()
+def new_pages():
+    before = getrusage(RUSAGE_SELF).ru_minflt
+    held = bytearray(b"1") * 2**26
+    return getrusage(RUSAGE_SELF).ru_minflt - before
+print(new_pages() > 1000, new_pages() < 100)
+"""
+    child = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    assert child.stdout.split() == [b"True", b"True"]

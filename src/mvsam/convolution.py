@@ -1,7 +1,8 @@
 """Convolutions of prediction: batch norm inside the weights, the ReLU inside the convolution.
 
 On CPUs in float32 oneDNN is called directly. PyTorch's own choice for one 3D volume of moderate
-depth is its old code, which writes out 27 copies of the volume first (docs/log.md).
+depth is its old code, which writes out 27 copies of the volume first (docs/log.md). What training
+calls is in `convolution_gradient.py`.
 """
 
 import copy
@@ -13,8 +14,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
+from mvsam import convolution_gradient
+from mvsam.convolution_gradient import Convolution, suits_onednn
+
 AnyModule = TypeVar("AnyModule", bound=nn.Module)
-Convolution = nn.Conv2d | nn.Conv3d | nn.ConvTranspose2d | nn.ConvTranspose3d
 BatchNorm = nn.BatchNorm2d | nn.BatchNorm3d
 
 
@@ -69,11 +72,13 @@ class FoldedConvolution(nn.Module):
 
 
 class Conv2d(nn.Conv2d):
-    """`nn.Conv2d` by oneDNN in predictions; PyTorch's code for 1x1 kernels copies its input."""
+    """`nn.Conv2d` by oneDNN; PyTorch's code for 1x1 kernels copies its input."""
 
     def forward(
         self, x: Float[Tensor, "batch _channel _height _width"]
     ) -> Float[Tensor, "batch _channels _rows _columns"]:
+        if convolution_gradient.fits_kernel(self, x):
+            return convolution_gradient.convolve(self, x)
         return convolve_by_onednn(self, x) if fits_onednn(x) else super().forward(x)
 
 
@@ -84,15 +89,7 @@ def add(x: Tensor, other: Tensor) -> Tensor:
 
 def fits_onednn(x: Tensor) -> bool:
     """Whether `convolve_by_onednn` can take this input, here and now."""
-    return (
-        x.device.type == "cpu"
-        and x.dtype == torch.float32
-        and not torch.is_grad_enabled()
-        and not torch.is_autocast_enabled("cpu")
-        and torch.backends.mkldnn.is_available()
-        and torch.backends.mkldnn.enabled
-        and not torch.compiler.is_compiling()
-    )
+    return not torch.is_grad_enabled() and suits_onednn(x)
 
 
 def convolve_by_onednn(layer: Convolution, x: Tensor, has_relu: bool = False) -> Tensor:

@@ -7,11 +7,14 @@ import errno
 import json
 import os
 import secrets
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
+
+import numpy as np
 
 from mvsam.errors import InputError
 
@@ -55,6 +58,21 @@ def write_whole(path: Path, save: Callable[[BinaryIO], Any]) -> None:
             os.replace(partial, path)
         finally:
             partial.unlink(missing_ok=True)
+
+
+def read_array(path: Path, name: str) -> np.ndarray:
+    """An array of an uncompressed `.npz`, or InputError for a file that is damaged.
+
+    Its checksum comes first, because NumPy takes the memory that a damaged header asks for.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            content = BytesIO(archive.read(f"{name}.npy"))
+        return np.lib.format.read_array(content, allow_pickle=False)
+    except Exception as error:  # zipfile raises many kinds for damaged data
+        raise InputError(
+            f"{path}: {name} cannot be read ({error}); remove the file, and it is made anew."
+        ) from error
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -238,3 +238,11 @@ def test_data_check_tells_what_is_wrong_and_convert_writes_another_form(tmp_path
     assert main(["data", "convert", str(folder), "--out", str(out), "--to", "nerfstudio"]) == 0
     assert len(json.loads((out / "transforms.json").read_text())["frames"]) == 5
     assert main(["data", "convert", str(folder), "--out", str(folder)]) == 2
+
+
+def test_a_measured_distance_scales_the_cameras_that_predict_writes(room, tmp_path, model, capsys):
+    assert predict(room, tmp_path, "--scale", "0000.jpg:0003.jpg=0.6") == 0
+    assert "one unit of the poses is" in capsys.readouterr().err
+    frames = json.loads((tmp_path / "out/transforms.json").read_text())["frames"]
+    place = {Path(f["file_path"]).stem: np.array(f["transform_matrix"])[:3, 3] for f in frames}
+    assert np.linalg.norm(place["0000"] - place["0003"]) == pytest.approx(0.6, abs=1e-6)

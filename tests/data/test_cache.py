@@ -5,6 +5,7 @@ import pytest
 
 from mvsam.data.cache import cached_scene
 from mvsam.data.posed_folder import PosedFolder
+from mvsam.errors import InputError
 from tests.synthetic import write_posed_folder
 
 
@@ -58,3 +59,27 @@ def test_depth_is_kept_to_the_millimetre(tmp_path: Path):
     depth = cached_scene(PosedFolder(tmp_path / "room"), tmp_path / "cache").frame(0).depth
     assert depth is not None and depth.dtype == np.float32
     np.testing.assert_allclose(1000 * depth, np.rint(1000 * depth), atol=1e-3)
+
+
+@pytest.mark.parametrize("length", [0, 40, 3000, -30])
+def test_a_cache_that_is_cut_short_is_named(tmp_path: Path, length: int):
+    write_posed_folder(tmp_path / "room", 2, (24, 16))
+    scene = PosedFolder(tmp_path / "room")
+    cached_scene(scene, tmp_path / "cache")
+    (file,) = (tmp_path / "cache").iterdir()
+    file.write_bytes(file.read_bytes()[:length])
+    with pytest.raises(InputError, match=r"room\.npz: about cannot be read .* it is made anew"):
+        cached_scene(scene, tmp_path / "cache")
+
+
+def test_a_cached_picture_of_damaged_size_is_named_before_memory_is_taken(tmp_path: Path):
+    write_posed_folder(tmp_path / "room", 2, (24, 16))
+    scene = PosedFolder(tmp_path / "room")
+    cached_scene(scene, tmp_path / "cache")
+    (file,) = (tmp_path / "cache").iterdir()
+    content, true = file.read_bytes(), b"(16, 24, 3), }           "
+    assert true in content
+    file.write_bytes(content.replace(true, b"(99999999999, 24, 3), }  "))
+    frame = cached_scene(scene, tmp_path / "cache").frame(0)
+    with pytest.raises(InputError, match=r"image0 cannot be read \(Bad CRC-32"):
+        _ = frame.image

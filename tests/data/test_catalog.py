@@ -6,6 +6,7 @@ import pytest
 from mvsam import rooms
 from mvsam.data import catalog
 from mvsam.data.catalog import open_data
+from mvsam.data.formats import find_format
 from mvsam.errors import InputError
 from tests.synthetic import write_posed_folder
 
@@ -31,6 +32,17 @@ def test_a_bad_scene_among_good_ones_is_not_passed_over(tmp_path):
         open_data(str(tmp_path))
 
 
+def test_photos_in_color_do_not_hide_another_format(tmp_path):
+    write_posed_folder(tmp_path / "posed", depth=False, labels=False)
+    (tmp_path / "posed/transforms.json").touch()
+    assert find_format(tmp_path / "posed") == "posed-folder"
+    (tmp_path / "posed/poses").rename(tmp_path / "elsewhere")
+    assert find_format(tmp_path / "posed") == "nerfstudio"
+    (tmp_path / "posed/transforms.json").unlink()
+    with pytest.raises(InputError, match="poses"):
+        open_data(str(tmp_path / "posed"))
+
+
 def test_a_path_without_scenes_is_refused(tmp_path):
     with pytest.raises(InputError, match="no scene we know"):
         open_data(str(tmp_path))
@@ -53,7 +65,7 @@ def test_rooms_are_built_when_asked_for_and_stay_the_same():
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("rooms:valid", "one of the splits train, val, test"),
+        ("rooms:valid", "one of the splits train, wide, val, test"),
         ("rooms:val:5", "expected rooms:SPLIT or rooms:SPLIT:FIRST-END"),
         ("rooms:val:5-5", "the part is empty;"),
         ("rooms:val:90-101", "this split has 100 scenes; end at 100"),

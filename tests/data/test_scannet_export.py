@@ -72,6 +72,13 @@ def test_every_second_frame_at_another_size(scan, tmp_path):
     assert depth_of(scene.frame(0)).shape == (24, 32)
 
 
+def test_a_folder_begun_at_another_size_is_refused(scan, tmp_path):
+    list(export(plan(scan, tmp_path / "out", every=2, size=(32, 24))[0], 1))
+    plan(scan, tmp_path / "out", size=(32, 24))
+    with pytest.raises(InputError, match="another --size"):
+        plan(scan, tmp_path / "out")
+
+
 def test_tuples_of_a_rule_are_written_and_read_again(scan, tmp_path):
     arguments = ["data", "scannet", str(scan.parent), "--out", str(tmp_path / "out")]
     assert main([*arguments, "--tuples", "keyframes", "--views", "2", "--workers", "1"]) == 0

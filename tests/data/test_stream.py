@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader
 from mvsam.data.dataset import make_views
 from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.stream import DataConfig, Onward, SampleStream, TrainingSample, collate_training
+from mvsam.errors import InputError
 from mvsam.types import Targets, Views
 from tests.synthetic import write_posed_folder
 
@@ -53,7 +54,7 @@ def test_another_seed_gives_other_samples(config: DataConfig):
 
 def scene_of(sample: TrainingSample, stream: SampleStream) -> int:
     """The scene that has all cameras of the sample."""
-    for index, scene in enumerate(stream.scenes):
+    for index, scene in enumerate(stream.sources[0]):
         own = [scene.frame(i).world_from_cam for i in range(len(scene))]
         poses = sample[0].world_from_cam[0].numpy()
         if all(any(np.allclose(pose, frame, atol=1e-6) for frame in own) for pose in poses):
@@ -101,10 +102,38 @@ def test_a_worker_process_reads_the_same_samples(config: DataConfig):
         assert_equal(here, there)
 
 
-def test_data_that_lie_on_a_disk_are_not_cached_again(config: DataConfig, tmp_path: Path):
-    cached = SampleStream(replace(config, cache=str(tmp_path)), seed=1)
-    assert_equal(cached[3], SampleStream(config, seed=1)[3])
-    assert not list(tmp_path.iterdir())
+def test_frames_kept_at_the_training_size_give_the_same_samples(config: DataConfig, tmp_path: Path):
+    whole, kept = config, replace(config, cache=str(tmp_path))
+    for n in (3, 0):
+        assert_equal(SampleStream(kept, seed=1)[n], SampleStream(whole, seed=1)[n])
+    assert list(tmp_path.glob("scans-32x32/room*/0000.npz"))
+
+
+def test_sources_mix_in_their_shares(config: DataConfig, tmp_path: Path):
+    write_posed_folder(tmp_path / "other", 4, (32, 32), baseline=0.2)
+    both = replace(config, train=f"3 @ {config.train} + 1 @ {tmp_path / 'other'}")
+    stream = SampleStream(both, seed=1)
+    other = np.stack([stream.sources[1][0].frame(i).world_from_cam[:3, 3] for i in (1, 2, 3)])
+    centres = [stream[n].views.world_from_cam[0, :, :3, 3].numpy() for n in range(100)]
+    far = [(abs(c[:, None] - other).sum(-1) < 1e-5).any() for c in centres]
+    assert sum(far) == 25
+
+
+def test_scans_have_a_scale_and_a_format(config: DataConfig):
+    doubled, given = SampleStream(replace(config, scale="2"), seed=1), SampleStream(config, seed=1)
+    poses = [stream.sources[0][0].frame(1).world_from_cam for stream in (doubled, given)]
+    np.testing.assert_allclose(poses[0][:3, 3], 2 * poses[1][:3, 3])
+    with pytest.raises(InputError, match="format"):
+        SampleStream(replace(config, format="colma"), seed=1)
+    both = replace(config, train=f"rooms:train:0-2 + {config.train}", scale="2")
+    assert len(SampleStream(both, seed=1).sources) == 2
+
+
+def test_scans_are_seen_by_a_rule(tmp_path: Path):
+    write_posed_folder(tmp_path / "scan", 61, (32, 32), baseline=0.01)
+    config = DataConfig(train=str(tmp_path / "scan"), size=(32, 32), tuples="mvs2d")
+    (scene,) = SampleStream(config, seed=1).sources[0]
+    assert scene.views() == [(0, 20, 40), (20, 0, 40), (40, 20, 60), (60, 40, 20)]
 
 
 @pytest.mark.parametrize("processes", [1, 2, 4])

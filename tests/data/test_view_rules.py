@@ -1,5 +1,6 @@
 """Published rules of views, tuples from files, keyframes, and recordings too long for all pairs."""
 
+import io
 import pickle
 from dataclasses import replace
 
@@ -150,6 +151,85 @@ def test_a_strangers_pickle_is_refused_and_not_run(tmp_path, entry, capsys):
     with pytest.raises(InputError, match="expected MVS2D's list"):
         read_tuples(file)
     assert capsys.readouterr().out == ""
+
+
+def npy(pickled: bytes) -> bytes:
+    """A .npy file of one object, whose pickle is this."""
+    buffer = io.BytesIO()
+    header = {"descr": "|O", "fortran_order": False, "shape": (1,)}
+    np.lib.format.write_array_header_1_0(buffer, header)
+    return buffer.getvalue() + pickled
+
+
+@pytest.mark.parametrize("protocol", [2, 3, 4])
+def test_splits_of_every_numpy_are_read(tmp_path, protocol):
+    entry = {"scene": np.str_("a"), "target": np.int64(20), "refs": np.array([0, 40])}
+    pickled = pickle.dumps(np.array([entry], dtype=object), protocol)
+    (tmp_path / "split.npy").write_bytes(npy(pickled))
+    assert read_tuples(tmp_path / "split.npy") == {"a": [(20, 0, 40)]}
+
+
+def nested(depth: int) -> bytes:
+    """The pickle of a list that holds a list twice, which holds a list twice, and so on."""
+    value: list = []
+    for _ in range(depth):
+        value = [value, value]
+    return pickle.dumps([{"scene": value, "target": 1, "refs": [2]}], 4)
+
+
+def frame(length: int) -> bytes:
+    """The beginning of a frame of a pickle."""
+    return b"\x95" + length.to_bytes(8, "little")
+
+
+class Array:
+    """Pickled as an array of this type and these bytes; a type may have a state of its own."""
+
+    def __init__(self, *kind, data=b"12"):
+        self.kind, self.data = kind, data
+
+    def __reduce__(self):
+        make = np.empty(0).__reduce__()[0]
+        return make, (np.ndarray, (0,), b"b"), (1, (2**33,), Type(self.kind), False, self.data)
+
+
+class Type:
+    def __init__(self, kind):
+        self.kind = kind
+
+    def __reduce__(self):
+        return np.dtype, self.kind[:1], *self.kind[1:]
+
+
+ODD = (3, "|", None, None, None, -1, -1, 63)
+"""A state that NumPy's own types of time crash for."""
+
+
+def split_of(sources) -> bytes:
+    return pickle.dumps([{"scene": "a", "target": 1, "refs": sources}], 4)
+
+
+@pytest.mark.parametrize(
+    "pickled, message",
+    [
+        (frame(2**60) + b"].", "holds no view tuple"),
+        (frame(12) + b"]" + frame(5) + b"C\x05r\xff\xff\xff\x7f.", "not subscriptable"),
+        (b"\x80\x02]r" + (2**31).to_bytes(4, "little") + b".", "LONG_BINPUT of"),
+        (b"\x80\x04\x8e" + (2**40).to_bytes(8, "little") + b".", "only 1 remain"),
+        (split_of(Array("i8")), "buffer size must be a multiple"),
+        (split_of(Array("i1", data=bytes(5000))), "a str as scene with 1001 sources"),
+        (split_of(Array("M8", ODD)), "numbers of type M8"),
+        (split_of(Array("V99999999")), "numbers of type V"),
+        (nested(60), "a list as scene"),
+    ],
+    ids=["frame", "frame in frame", "memo", "bytes", "array", "sources", "time", "void", "lists"],
+)
+def test_a_split_that_claims_more_than_it_holds_is_refused_before_memory_is_taken(
+    tmp_path, pickled, message
+):
+    (tmp_path / "split.npy").write_bytes(npy(pickled))
+    with pytest.raises(InputError, match=message):
+        read_tuples(tmp_path / "split.npy")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,12 @@ def test_a_saved_record_holds_every_setting_the_commit_and_the_versions(tmp_path
     assert record["model"]["name"] == "tiny" and record["train"]["seed"] == 0
     assert record["optimizer"]["lr"] == run.optimizer.lr and record["data"]["size"] == [320, 256]
     assert (record["loss"]["part"], record["loss"]["beta"]) == ("JointLoss", 0.02)
-    assert record["optimizer"]["schedule"]["part"] == "Milestones"
+    assert record["optimizer"]["schedule"] == {
+        "part": "OneCycle",
+        "rising": 0.1,
+        "first": 0.04,
+        "last": 4e-06,
+    }
     assert record["classes"] == list(SCANNET20.names)
     assert record["commit"] == commit()
     assert {"torch", "timm", "lightning", "mvsam"} <= set(record["versions"])

@@ -5,13 +5,15 @@ import logging
 import pytest
 import torch
 
+from mvsam.kernels import load_kernel
 from mvsam.mvs import sweep
 from mvsam.mvs.cost_volume import textbook_variance_volume, variance_volume
 from tests.mvs.test_cost_volume import problem
 from tests.small import random_views, small_model
 
 needs_kernel = pytest.mark.skipif(
-    sweep.load_kernel() is None, reason="no C++ compiler here, so there is no kernel to compare"
+    load_kernel(sweep.SOURCE) is None,
+    reason="no C++ compiler here, so there is no kernel to compare",
 )
 
 
@@ -26,9 +28,9 @@ def threads(request):
 @pytest.fixture
 def fresh_kernel():
     """Lets a test load the kernel anew under other conditions."""
-    sweep.load_kernel.cache_clear()
+    load_kernel.cache_clear()
     yield
-    sweep.load_kernel.cache_clear()
+    load_kernel.cache_clear()
 
 
 def outputs_and_gradients(volume, arguments, incoming):
@@ -112,8 +114,8 @@ def test_prediction_is_the_same_with_the_kernel_switched_off(monkeypatch, fresh_
     with torch.no_grad():
         fast = model(views)
         monkeypatch.setenv("MVSAM_KERNEL", "0")
-        sweep.load_kernel.cache_clear()
-        assert sweep.load_kernel() is None
+        load_kernel.cache_clear()
+        assert load_kernel(sweep.SOURCE) is None
         slow = model(views)
     # Random weights at a random picture: scores are flat, so depth moves little.
     torch.testing.assert_close(fast.depth, slow.depth, atol=1e-3, rtol=0)
@@ -127,7 +129,7 @@ def test_a_broken_compiler_falls_back_with_a_warning(monkeypatch, fresh_kernel, 
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("MVSAM_CACHE", str(tmp_path / "cache"))
     with caplog.at_level(logging.WARNING):
-        assert sweep.load_kernel() is None
+        assert load_kernel(sweep.SOURCE) is None
     assert "could not be built" in caplog.text
     arguments = problem()
     assert torch.equal(variance_volume(*arguments), textbook_variance_volume(*arguments))
@@ -136,5 +138,5 @@ def test_a_broken_compiler_falls_back_with_a_warning(monkeypatch, fresh_kernel, 
 def test_without_a_compiler_the_textbook_serves(monkeypatch, fresh_kernel, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("MVSAM_CACHE", str(tmp_path / "cache"))
-    assert sweep.load_kernel() is None
+    assert load_kernel(sweep.SOURCE) is None
     assert variance_volume(*problem()).isfinite().all()

@@ -64,8 +64,8 @@ def test_dice_reach_both_ends_and_respect_weights():
 @pytest.mark.parametrize("pattern", [name for name in PATTERNS if name != "image"])
 def test_every_pattern_is_a_color_and_calms_down_far_away(pattern):
     material = Material(pattern, (0.6, 0.5, 0.4), (0.1, 0.2, 0.3), 0.1, seed=3.0)
-    uv = np.random.default_rng(0).random((4000, 2)).astype(np.float32)
-    direction = np.tile(np.array([[0.5, 0.7, -0.1]], dtype=np.float32), (4000, 1))
+    uv = np.random.default_rng(0).random((2, 4000)).astype(np.float32)
+    direction = np.tile(np.array([[0.5], [0.7], [-0.1]], dtype=np.float32), 4000)
     near, far = (
         albedo(
             material_table([material]),
@@ -77,7 +77,7 @@ def test_every_pattern_is_a_color_and_calms_down_far_away(pattern):
         for footprint in (1e-4, 3.0)
     )
     assert np.isfinite(near).all() and near.min() >= 0 and near.max() <= 1
-    assert far.std(axis=0).max() <= near.std(axis=0).max() + 1e-3
+    assert far.std(axis=1).max() <= near.std(axis=1).max() + 1e-3
 
 
 def test_walls_of_a_rectangle_run_round_it_with_the_room_on_the_left():
@@ -125,8 +125,9 @@ def lit_box(*extra: mesh.Soup) -> Room:
 
 
 def light_on_floor(room: Room, x: float, y: float) -> float:
-    position = np.array([[x, y, 0]], dtype=np.float32)
-    normal, phase = np.array([[0, 0, 1]], dtype=np.float32), np.full((1, 2), 0.5, dtype=np.float32)
+    position = np.array([[x], [y], [0]], dtype=np.float32)
+    normal = np.array([[0], [0], [1]], dtype=np.float32)
+    phase = np.full((2, 1), 0.5, dtype=np.float32)
     return float(irradiance(room, position, normal, phase)[0, 0])
 
 
@@ -146,12 +147,12 @@ def test_a_table_casts_a_shadow():
 
 
 def test_light_does_not_leak_between_surfaces_that_face_apart():
-    surface = np.zeros((8, 8, 6), dtype=np.float32)
-    surface[:, :4, 5] = 1.0
-    surface[:, 4:, 3] = 1.0
-    light = np.where(surface[..., 5:] > 0, 1.0, 5.0).astype(np.float32)
+    surface = np.zeros((6, 8, 8), dtype=np.float32)
+    surface[5, :, :4] = 1.0
+    surface[3, :, 4:] = 1.0
+    light = np.where(surface[5:] > 0, 1.0, 5.0).astype(np.float32)
     smooth = LightGrid(surface, light).smoothed()
     np.testing.assert_allclose(smooth.light, light, atol=1e-6)
-    asked = np.array([[0, 0, 0, 0, 0, 1.0]], dtype=np.float32)
-    found, agreement = smooth.at(np.array([[7.2, 6.0]]), asked)
+    asked = np.array([[0], [0], [0], [0], [0], [1.0]], dtype=np.float32)
+    found, agreement = smooth.at(np.array([[7.2], [6.0]]), asked)
     assert found[0, 0] == pytest.approx(1.0) and agreement[0] > 0

@@ -140,13 +140,13 @@ def test_all_twenty_classes_occur_in_the_first_nineteen_train_rooms():
 
 
 def test_cameras_keep_their_distance_and_stay_inside(scenes):
-    directions = np.random.default_rng(0).normal(size=(400, 3)).astype(np.float32)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.random.default_rng(0).normal(size=(3, 400)).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=0)
     for scene in scenes:
         for camera in scene.cameras:
             position = camera.world_from_cam[:3, 3]
             assert scene.room.contains(position[None]).all()
-            origins = np.repeat(position[None].astype(np.float32), len(directions), axis=0)
+            origins = np.broadcast_to(position[:, None].astype(np.float32), directions.shape)
             # The path itself was checked with other, fewer rays; thin legs may slip through.
             assert np.percentile(scene.room.nearest(origins, directions), 2) > 0.9 * CLEARANCE
 
@@ -160,6 +160,20 @@ def test_baselines_run_from_a_video_to_some_strides_and_wide_ones_turn_towards_t
             turns.append(np.degrees(np.arccos(before[:3, 2] @ after[:3, 2])))
     assert 0.02 < min(baselines) < 0.07 and 0.3 < max(baselines) < 0.9
     assert max(turns) > 5 and max(turns) < 35
+
+
+def turns(split: str) -> list[float]:
+    """Degrees between the directions of neighbouring frames of 12 rooms."""
+    paths = [rooms.scene(split, index, 3, 32, 24).cameras for index in range(12)]
+    directions = [[camera.world_from_cam[:3, 2] for camera in path] for path in paths]
+    pairs = [pair for path in directions for pair in pairwise(path)]
+    return [float(np.degrees(np.arccos(here @ there))) for here, there in pairs]
+
+
+def test_wide_paths_turn_as_single_photos_do():
+    wide = turns("wide")
+    assert np.median(wide) > 2 * np.median(turns("train"))
+    assert 12 < np.median(wide) < 35 and max(wide) < 75
 
 
 def test_poses_are_rotations_with_the_sky_above(scenes):
@@ -189,7 +203,7 @@ def test_an_index_out_of_range_is_refused(split, index):
 
 
 def test_an_unknown_split_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="train, val, test"):
+    with pytest.raises(InputError, match="train, wide, val, test"):
         rooms.scene("dev", 0)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mvsam.commands.shared import Json, print_json, progress_bar
+from mvsam.commands.shared import Json, Scale, print_json, progress_bar
 from mvsam.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,8 +31,7 @@ class Check:
     """Metres between which surfaces are expected."""
     format: str | None = None
     """The folder's format; none: found from its files."""
-    scale: float = 1.0
-    """Metres that one unit of the poses has."""
+    scale: Scale = 1.0
     poses: Literal["given", "colmap"] = "given"
     """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
     json: Json = False
@@ -68,8 +67,7 @@ class Convert:
     """The form to write."""
     format: str | None = None
     """The folder's format; none: found from its files."""
-    scale: float = 1.0
-    """Metres that one unit of the poses has."""
+    scale: Scale = 1.0
     poses: Literal["given", "colmap"] = "given"
     """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
 

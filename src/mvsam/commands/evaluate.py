@@ -12,6 +12,7 @@ import tyro
 from mvsam.commands.shared import (
     Device,
     Json,
+    Scale,
     load_model,
     print_json,
     print_table,
@@ -45,8 +46,7 @@ class Evaluate:
     list of scenes beside them (scannetv2_val.txt)."""
     format: str | None = None
     """Format of a scene's folder; found from its files where it is not given."""
-    scale: float = 1.0
-    """Metres that one unit of the poses has."""
+    scale: Scale = 1.0
     protocol: str = "paper"
     """Which pixels count, at which size. paper: 320x256, truth in [0.1, 5] m. mvs2d: MVS2D's own,
     640x480 and (0.5, 10) m, searching 0.3 to 10.1 m. scannet-2d: the 2D benchmark's labels at

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mvsam.commands.shared import Device, load_model, progress_bar
+from mvsam.commands.shared import Device, Scale, load_model, progress_bar
 
 if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
@@ -40,8 +40,7 @@ class Predict:
     """Names of the photos to predict, without ending; all where none is given."""
     format: str | None = None
     """Format of the scene; found from its files where it is not given."""
-    scale: float = 1.0
-    """Metres that one unit of the poses has; COLMAP's unit is arbitrary."""
+    scale: Scale = 1.0
     poses: Literal["given", "colmap"] = "given"
     """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes; their
     scale is unknown unless --scale gives it."""

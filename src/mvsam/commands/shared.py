@@ -18,6 +18,16 @@ if TYPE_CHECKING:
 Device = Literal["auto", "cpu", "cuda"]
 """auto: a GPU where there is one."""
 
+Scale = Annotated[
+    float | str,
+    tyro.conf.arg(
+        metavar="METRES|A:B=METRES",
+        help="Metres that one unit of the poses has, as 0.31; or the measured metres between the "
+        "cameras of two photos, as 0001.jpg:0007.jpg=0.25, from which that follows. COLMAP's unit "
+        "is arbitrary.",
+    ),
+]
+
 Json = Annotated[bool, tyro.conf.arg(help="Print one JSON document to stdout, for scripts.")]
 
 

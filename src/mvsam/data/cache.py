@@ -1,12 +1,13 @@
 """Frames of a scene kept in one uncompressed file, for data that is slow to make or to decode."""
 
 import json
+import zipfile
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
-from mvsam.files import write_whole
+from mvsam.files import read_array, write_whole
 from mvsam.geometry.depth_map import from_millimetres, to_millimetres
 from mvsam.types import Frame, Scene
 
@@ -43,19 +44,14 @@ def _write(scene: Scene, path: Path) -> None:
     write_whole(path, lambda file: np.savez(file, **arrays))  # pyright: ignore[reportArgumentType]
 
 
-def _array(path: Path, name: str) -> np.ndarray:
-    with np.load(path, allow_pickle=False) as archive:
-        return archive[name]
-
-
 class CachedScene:
-    """A scene in the file that `cached_scene` writes."""
+    """A scene in the file that `cached_scene` writes; reading a damaged one is an InputError."""
 
     def __init__(self, path: Path):
-        self._read = cache(partial(_array, path))
-        with np.load(path, allow_pickle=False) as archive:
-            self._keys = set(archive.files)
+        self._read = cache(partial(read_array, path))
         self._about = json.loads(self._read("about").tobytes())
+        with zipfile.ZipFile(path) as archive:
+            self._keys = {Path(name).stem for name in archive.namelist()}
 
     @property
     def name(self) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from mvsam.data.cache import cached_scene
 from mvsam.data.formats import Poses, find_format, open_scene
 from mvsam.data.readers.single_views import SingleViews, is_single_views
+from mvsam.data.scaled import Baseline, parse_scale
 from mvsam.data.splits import is_scene_list, listed_scenes
 from mvsam.errors import InputError
 from mvsam.types import Scene
@@ -20,7 +21,7 @@ def open_data(
     room_frames: int = 5,
     room_size: tuple[int, int] = (320, 256),
     cache: str | None = None,
-    scale: float = 1.0,
+    scale: float | str = 1.0,
     poses: Poses = "given",
     assets: str | None = None,
 ) -> Sequence[Scene]:
@@ -31,22 +32,35 @@ def open_data(
     folder of photos with depth or labels but without poses is a scene for each photo.
     `room_frames` is the number of frames of each room, `room_size` their (width, height), `assets`
     the folder of an asset pack for them; they are rendered once where `cache` names a folder to
-    keep them in (other data lie on a disk already). `scale` is how many metres one unit of a path's
-    poses has; `poses` as `open_scene`.
+    keep them in (other data lie on a disk already). `scale` and `poses` as `open_scene`; a distance
+    between two photos is that of one scene, and scenes without poses have no scale.
     """
     if name.startswith("rooms:"):
+        if parse_scale(scale) != 1.0:
+            raise InputError(f"{name}: rooms are in metres; leave --scale out.")
         return _open_rooms(name, RoomStyle(room_frames, room_size, cache, assets))
     path = Path(name)
     if is_scene_list(name) and not path.is_dir():
-        return [open_scene(folder, format, scale) for folder in listed_scenes(path)]
-    if format is None and poses == "given" and path.is_dir():
-        return [s for folder in scene_folders(path) or [path] for s in _scenes_in(folder, scale)]
-    return [open_scene(path, format, scale, poses)]
+        folders = listed_scenes(path)
+    elif format is None and poses == "given" and path.is_dir():
+        folders = scene_folders(path) or [path]
+    else:
+        return [open_scene(path, format, scale, poses)]
+    if len(folders) > 1 and isinstance(parse_scale(scale), Baseline):
+        raise InputError(
+            f"{name}: holds {len(folders)} scenes, but the distance of two photos is the scale of "
+            "one; name the scene's own folder."
+        )
+    return [scene for folder in folders for scene in _scenes_in(folder, format, scale)]
 
 
-def _scenes_in(folder: Path, scale: float) -> Sequence[Scene]:
+def _scenes_in(folder: Path, format: str | None, scale: float | str) -> Sequence[Scene]:
     """One scene, or one for each photo of a folder without poses."""
-    return SingleViews(folder) if is_single_views(folder) else [open_scene(folder, scale=scale)]
+    if format is not None or not is_single_views(folder):
+        return [open_scene(folder, format, scale)]
+    if parse_scale(scale) != 1.0:
+        raise InputError(f"{folder}: has photos without poses; leave --scale out.")
+    return SingleViews(folder)
 
 
 def scene_folders(path: Path) -> list[Path]:

@@ -14,6 +14,8 @@ from mvsam.errors import InputError
 from mvsam.geometry.depth_map import from_millimetres
 from mvsam.types import IGNORE
 
+_FILE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+"""What Pillow may take a picture for: it knows forty more, and runs Ghostscript for some."""
 PHOTO_MODES = ("RGB", "RGBA", "L", "LA", "P", "CMYK", "YCbCr")
 DEPTH_MODES = ("I;16", "I;16B", "I;16L", "I")  # "I" is what older Pillow calls a 16-bit PNG
 LABEL_MODES = ("L", "P")
@@ -24,7 +26,7 @@ Size = tuple[int, int]
 def read_header(path: Path, kind: str = "photo") -> tuple[Size, str]:
     """((width, height), Pillow mode) of a picture without decoding its pixels."""
     try:
-        with Image.open(path) as picture:
+        with Image.open(path, formats=_FILE_FORMATS) as picture:
             return picture.size, picture.mode
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise _unreadable(path, kind, error) from error
@@ -93,7 +95,7 @@ def load_pixels(path: Path, kind: str) -> np.ndarray:
 
 def _decode(path: Path, kind: str, convert: str | None = None) -> np.ndarray:
     try:
-        with Image.open(path) as picture:
+        with Image.open(path, formats=_FILE_FORMATS) as picture:
             return np.array(picture.convert(convert) if convert else picture)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise _unreadable(path, kind, error) from error

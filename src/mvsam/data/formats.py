@@ -20,7 +20,7 @@ from mvsam.data.readers.scannet import (
 )
 from mvsam.data.readers.seven_scenes import is_seven_scenes, open_seven_scenes
 from mvsam.data.readers.tum import is_tum, open_tum
-from mvsam.data.scaled import ScaledScene
+from mvsam.data.scaled import ScaledScene, in_metres, parse_scale
 from mvsam.data.structure import photo_folder, pose_photos
 from mvsam.data.video import VIDEO_SUFFIXES
 from mvsam.errors import InputError
@@ -55,14 +55,15 @@ FORMATS = {
 
 
 def open_scene(
-    path: str | Path, format: str | None = None, scale: float = 1.0, poses: Poses = "given"
+    path: str | Path, format: str | None = None, scale: float | str = 1.0, poses: Poses = "given"
 ) -> Scene:
     """The scene stored at `path`; the format is found from the files unless it is named.
 
-    scale: metres that one unit of the poses has; 1 for formats that are metric. poses: "colmap"
-    lets COLMAP find those of a folder of photos, or of a video, first.
+    scale: metres that one unit of the poses has, 1 for formats that are metric; or the metres
+    between two photos' cameras, as "0001.jpg:0007.jpg=0.25". poses: "colmap" lets COLMAP find those
+    of a folder of photos, or of a video, first.
     """
-    path = Path(path)
+    path, parsed_scale = Path(path), parse_scale(scale)
     if poses == "colmap":
         path, format = pose_photos(path), format or "colmap"
     if not path.is_dir():
@@ -79,12 +80,12 @@ def open_scene(
     if name not in FORMATS:
         raise InputError(f"{path}: unknown format {name!r}; choose one of {', '.join(FORMATS)}.")
     scene = FORMATS[name].open(path)
-    if scale != 1.0 and isinstance(scene, ScaledScene):
+    if parsed_scale != 1.0 and isinstance(scene, ScaledScene):
         raise InputError(
             f"{path}: the depth beside the photos tells the scale; leave --scale out, or move the "
             "folder depth/ away."
         )
-    return scene if scale == 1.0 else ScaledScene(scene, scale)
+    return in_metres(scene, parsed_scale)
 
 
 def _advice(path: Path) -> str:
@@ -96,5 +97,9 @@ def _advice(path: Path) -> str:
 
 
 def find_format(path: Path) -> str | None:
-    """The name of the format whose characteristic files lie in the folder `path`, or None."""
-    return next((name for name, format in FORMATS.items() if format.matches(path)), None)
+    """The name of the format whose characteristic files lie in the folder `path`, or None.
+
+    A folder with `color/` that matches none is a posed folder whose poses are missing.
+    """
+    incomplete = "posed-folder" if (path / "color").is_dir() else None
+    return next((name for name, format in FORMATS.items() if format.matches(path)), incomplete)

@@ -107,7 +107,7 @@ def read_class_table(path: Path) -> ClassTable:
         entries = json.loads(path.read_text(encoding="utf-8-sig"))
         names = tuple(_class_name(entry["name"]) for entry in entries)
         return ClassTable(names, tuple(_color(entry["color"]) for entry in entries))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: not a class table ({error}); {expected}.") from error
 
 

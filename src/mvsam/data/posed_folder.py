@@ -31,7 +31,7 @@ Files = dict[str, Path]
 
 
 def is_posed_folder(path: Path) -> bool:
-    return (path / "color").is_dir()
+    return (path / "color").is_dir() and (path / "poses").is_dir()
 
 
 class PosedFolder:

@@ -172,7 +172,10 @@ def _copy_label(archive: Path, member: str, file: Path) -> None:
 
 
 def _write_intrinsics(scan: SensFile, out: Path, size: tuple[int, int] | None) -> None:
-    """Calibrations for the written sizes, with integer pixel centres."""
+    """Calibrations for the written sizes, with integer pixel centres.
+
+    Raises `InputError` where the folder holds photos of another size.
+    """
     header = scan.header
     width, height = size or header.color_size
     scale = np.array([[width / header.color_size[0]], [height / header.color_size[1]], [1.0]])
@@ -182,7 +185,12 @@ def _write_intrinsics(scan: SensFile, out: Path, size: tuple[int, int] | None) -
     ):
         full = np.eye(4)
         full[:3, :3] = matrix - HALF_PIXEL
-        _write_matrix(out / f"intrinsic/intrinsic_{name}.txt", full)
+        file = out / f"intrinsic/intrinsic_{name}.txt"
+        if file.exists() and not np.allclose(np.loadtxt(file), full, rtol=1e-6):
+            raise InputError(
+                f"{out}: was begun with photos of another --size; give that one, or another folder."
+            )
+        _write_matrix(file, full)
 
 
 def _write_matrix(path: Path, matrix: Float[np.ndarray, "4 4"]) -> None:

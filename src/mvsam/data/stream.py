@@ -5,18 +5,21 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from torch.utils.data import Dataset, Sampler
 
 from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
-from mvsam.data.catalog import open_data
+from mvsam.data.catalog import RoomScenes, open_data
 from mvsam.data.dataset import collate, make_targets, make_views
+from mvsam.data.mixture import Mixture, parse_sources
 from mvsam.data.name_lists import read_names
 from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.sampling import view_tuples
+from mvsam.data.shards import ShardedScene
 from mvsam.data.transforms import crop_to_shape
+from mvsam.data.view_rules import prescribe
 from mvsam.errors import InputError
 from mvsam.types import Scene, Targets, Views
 
@@ -26,9 +29,18 @@ class DataConfig:
     """What a run trains on and watches."""
 
     train: str = "rooms:train:0-3000"
-    """Scenes to train on: rooms:SPLIT:FIRST-END or a path."""
+    """Scenes to train on: rooms:SPLIT:FIRST-END or a path; several in given shares as
+    `0.7 @ rooms:train:0-3000 + 0.3 @ scans/scannetv2_train.txt`."""
     val: str = "rooms:val:0-20"
     """Scenes to watch while training."""
+    format: str | None = None
+    """Of the recorded scans in `train` and `val`, as `mvsam predict --format`; none: found."""
+    scale: str = "1"
+    """Metres a unit of their poses, or A:B=METRES, as `mvsam predict --scale`."""
+    tuples: str | None = None
+    """Which frames of recorded scans go together: mvs2d, every-100, keyframes, or a file of tuples,
+    as `mvsam eval --tuples`; none: a scene's own, or by overlap. Rooms have their own; `val` is
+    watched by the same rule, not by a file."""
     num_views: int = 3
     """The paper's M."""
     fewest_views: int | None = None
@@ -57,7 +69,8 @@ class DataConfig:
     """Frames rendered of each procedural room to train on, at `semantic_size` or else `size`; at
     least `num_views`."""
     cache: str | None = None
-    """Folder for rendered rooms (about 0.5 MB a frame); none: render anew every time."""
+    """Folder for rendered rooms, and for the frames of scans at the training size (about 0.5 MB a
+    frame); none: render, or decode, anew every time."""
     assets: str | None = None
     """Folder of an asset pack, whose things and surfaces then occur in the rooms to train on."""
     mirror: bool = False
@@ -77,6 +90,10 @@ class DataConfig:
     workers: int = 1
     """Processes that load or render data, for each training process."""
 
+    def of_scans(self, name: str) -> dict[str, Any]:
+        """What `open_data` is told of a source that is no rooms."""
+        return {} if name.startswith("rooms:") else {"format": self.format, "scale": self.scale}
+
 
 class TrainingSample(NamedTuple):
     """A batch of one of `train`, or of several."""
@@ -90,28 +107,26 @@ class TrainingSample(NamedTuple):
 
 
 class SampleStream(Dataset[TrainingSample]):
-    """Sample n: a scene of the n-th place in endlessly reshuffled order, a random tuple of it.
+    """Sample n: the next scene of its source in endlessly reshuffled order, a random tuple of it.
 
     batch_size: of so many samples in a row all have equally many views, as a step's must.
     """
 
     def __init__(self, config: DataConfig, seed: int, batch_size: int = 1):
         self.config, self.seed, self.batch_size = config, seed, batch_size
-        self.scenes: Sequence[Scene] = open_data(
-            config.train,
-            room_frames=config.room_frames,
-            room_size=config.semantic_size or config.size,
-            cache=config.cache,
-            assets=config.assets,
-        )
+        sources = parse_sources(config.train)
+        self.sources = [_open_source(source.name, config) for source in sources]
+        self._mixture = Mixture([source.weight for source in sources], seed)
         self._singles = None if config.singles is None else SingleStream(config, seed)
-        self._tuples: dict[int, list[tuple[int, ...]]] = {}
+        self._tuples: dict[tuple[int, int], list[tuple[int, ...]]] = {}
 
     def __getitem__(self, n: int) -> TrainingSample:
-        epoch, position = divmod(n, len(self.scenes))
-        index = int(_permutation(self.seed, epoch, len(self.scenes))[position])
-        scene, config = self.scenes[index], self.config
-        tuples = self._full_tuples(index, scene)
+        source, place = self._mixture(n)
+        scenes = self.sources[source]
+        epoch, position = divmod(place, len(scenes))
+        index = int(_permutation(self.seed, epoch, len(scenes))[position])
+        scene, config = scenes[index], self.config
+        tuples = self._full_tuples((source, index), scene)
         dice = np.random.default_rng((self.seed, n))
         chosen = tuples[dice.integers(len(tuples))][: self._num_views(n)]
         frames = [scene.frame(index) for index in chosen]
@@ -137,9 +152,9 @@ class SampleStream(Dataset[TrainingSample]):
         dice = np.random.default_rng((self.seed, n // self.batch_size, 3))
         return int(dice.integers(self.config.fewest_views, self.config.num_views + 1))
 
-    def _full_tuples(self, index: int, scene: Scene) -> list[tuple[int, ...]]:
+    def _full_tuples(self, key: tuple[int, int], scene: Scene) -> list[tuple[int, ...]]:
         """Those with as many views as are asked for, so that samples fit into one batch."""
-        if index not in self._tuples:
+        if key not in self._tuples:
             tuples, _ = view_tuples(scene, self.config.num_views, self.config.depth_range)
             full = [views for views in tuples if len(views) == self.config.num_views]
             if not full:
@@ -147,8 +162,30 @@ class SampleStream(Dataset[TrainingSample]):
                     f"{scene.name}: no photo has {self.config.num_views - 1} sources that overlap "
                     "it; leave the scene out or train with fewer --data.num-views."
                 )
-            self._tuples[index] = full
-        return self._tuples[index]
+            self._tuples[key] = full
+        return self._tuples[key]
+
+
+def _open_source(name: str, config: DataConfig) -> Sequence[Scene]:
+    """The scenes of one source; scans with the tuples of `config.tuples`, kept as shards."""
+    size = config.semantic_size or config.size
+    scenes = open_data(
+        name,
+        room_frames=config.room_frames,
+        room_size=size,
+        cache=config.cache,
+        assets=config.assets,
+        **config.of_scans(name),
+    )
+    if isinstance(scenes, RoomScenes):
+        return scenes
+    if config.tuples is not None:
+        scenes = prescribe(scenes, config.tuples, config.num_views, config.depth_range)
+    if config.cache is None:
+        return scenes
+    width, height = size
+    folder = Path(config.cache) / f"scans-{width}x{height}"
+    return [ShardedScene(scene, folder, size, config.crop) for scene in scenes]
 
 
 class SingleStream(Dataset[tuple[Views, Targets]]):

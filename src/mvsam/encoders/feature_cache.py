@@ -1,7 +1,6 @@
 """What a frozen encoder says about a picture, kept on disk: computed once, read ever after."""
 
 import hashlib
-import zipfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -12,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from mvsam.errors import InputError
-from mvsam.files import writable_folder, write_whole
+from mvsam.files import read_array, writable_folder, write_whole
 
 FrozenPart = Callable[[Float[Tensor, "images 3 height width"]], Float[Tensor, "images *features"]]
 
@@ -73,10 +72,8 @@ class FeatureCache:
 def _read(path: Path) -> Tensor | None:
     """The features in a file; None where there is none or it is damaged (its checksum says so)."""
     try:
-        # Opened here, because NumPy leaves a file open in which it finds no archive.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return torch.from_numpy(stored["features"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return torch.from_numpy(read_array(path, "features"))
+    except InputError:
         return None
 
 

@@ -15,7 +15,7 @@ def conv_bn_relu(
     """Convolution without bias, batch norm, ReLU; `stride` divides the size."""
     padding = kernel_size // 2
     return nn.Sequential(
-        nn.Conv2d(in_channels, out_channels, kernel_size, stride, padding, bias=False),
+        Conv2d(in_channels, out_channels, kernel_size, stride, padding, bias=False),
         nn.BatchNorm2d(out_channels),
         nn.ReLU(inplace=True),
     )

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from mvsam.data.catalog import open_data
 from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.mixture import parse_sources
+from mvsam.data.stream import DataConfig
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment
 from mvsam.types import Model
@@ -64,21 +66,33 @@ def check_model(experiment: Experiment, model: Model) -> None:
 
 def classes_of(experiment: Experiment) -> ClassTable:
     """The classes of the training scenes: those a folder brings, else ScanNet's 20."""
-    first = open_data(experiment.data.train)[0]
-    classes = getattr(first, "classes", SCANNET20)
+    names = [source.name for source in parse_sources(experiment.data.train)]
+    data = experiment.data
+    tables = [_classes_in(name, data) for name in names]
+    classes = tables[0]
+    for name, table in zip(names, tables, strict=True):
+        if table.names != classes.names:
+            raise InputError(
+                f"run {experiment.name}: {name} has other classes than {names[0]}; mix scenes of "
+                "the same classes."
+            )
     wanted = experiment.model.num_classes
     if wanted not in (None, len(classes)):
         raise InputError(
             f"run {experiment.name}: --model.num-classes {wanted}, but {experiment.data.train} has "
             f"{len(classes)} classes; leave the option out."
         )
-    watched = getattr(open_data(experiment.data.val)[0], "classes", SCANNET20)
+    watched = _classes_in(data.val, data)
     if watched.names != classes.names:
         raise InputError(
             f"run {experiment.name}: {experiment.data.val} has other classes than "
             f"{experiment.data.train}; give scenes of the same classes as --data.val."
         )
     return classes
+
+
+def _classes_in(name: str, data: DataConfig) -> ClassTable:
+    return getattr(open_data(name, **data.of_scans(name))[0], "classes", SCANNET20)
 
 
 def warn_of_changes(experiment: Experiment, page: Path) -> None:

@@ -22,6 +22,7 @@ from mvsam.experiments.pictures import ValidationPictures
 from mvsam.experiments.quiet import quiet_lightning
 from mvsam.experiments.stopping import SafeStop, early_end
 from mvsam.experiments.throughput import Throughput
+from mvsam.memory import keep_freed_memory
 from mvsam.precision import has_native_bfloat16
 from mvsam.provenance import commit
 from mvsam.training.module import TrainingModule
@@ -87,6 +88,8 @@ def train(
 
 def _prepare_process(seed: int, device: str, devices: int) -> None:
     seed_everything(seed, workers=True, verbose=False)
+    if device == "cpu":
+        keep_freed_memory()
     if device == "cpu" and devices > 1:
         torch.set_num_threads(1)  # two threads in each of two processes wait for each other
 

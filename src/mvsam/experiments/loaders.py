@@ -9,6 +9,7 @@ from torch.utils.data import DataLoader
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset, collate
 from mvsam.data.stream import Onward, SampleStream, collate_training
+from mvsam.data.view_rules import RULES, prescribe
 from mvsam.experiments.config import Experiment
 
 
@@ -39,7 +40,9 @@ class ExperimentData(LightningDataModule):
     def val_dataloader(self) -> DataLoader:
         data = self.experiment.data
         assert self.trainer is not None
-        scenes = open_data(data.val, cache=data.cache)
+        scenes = open_data(data.val, cache=data.cache, **data.of_scans(data.val))
+        if data.tuples in RULES and not data.val.startswith("rooms:"):
+            scenes = prescribe(scenes, data.tuples, data.num_views, data.depth_range)
         share = share_of_scenes(len(scenes), self.trainer.global_rank, self.num_processes)
         tuples = TupleDataset(
             [scenes[index] for index in share],

@@ -191,7 +191,9 @@ def _scannet_run(row: Row) -> RowRun:
         about=f"Row `{row.name}` of the tables with its published settings; needs ScanNet. Not run "
         "here.",
         model=row.scannet,
-        data=row.data_of(DataConfig(train=f"{folder}/train", val=f"{folder}/val", workers=4)),
+        data=row.data_of(
+            DataConfig(train=f"{folder}/train", val=f"{folder}/val", cache="cache", workers=4)
+        ),
         loss=recipe.loss,
         optimizer=replace(recipe.optimizer, steps=steps),
         train=TrainConfig(batch_size=recipe.batch_size),

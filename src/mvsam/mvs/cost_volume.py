@@ -8,8 +8,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mvsam.geometry.warp import source_from_reference_pixels, warp_to_reference
+from mvsam.kernels import is_switched_off
 from mvsam.mvs import sweep_export
-from mvsam.mvs.sweep import fits_kernel, is_switched_off, sweep_variance
+from mvsam.mvs.sweep import fits_kernel, sweep_variance
 
 HAS_TRITON = find_spec("triton") is not None
 """It comes with PyTorch on Linux."""

@@ -8,6 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from mvsam import convolution_gradient
 from mvsam.convolution import add, convolve_by_onednn, fits_onednn
 
 
@@ -16,13 +17,16 @@ class Conv3d(nn.Conv3d):
 
     oneDNN's bfloat16 backward pass returns garbage for volumes of two planes on AVX-512 and
     corrupts memory for wide ones of eight planes on AMX (torch 2.13 to 2.14). Such volumes are
-    convolved in float32 while training. And one float32 volume of moderate depth would go to
-    PyTorch's old code, tens of times slower than oneDNN, and more so backwards.
+    convolved in float32 while training. In float32 `convolution_gradient.py` serves; where it
+    cannot, one volume of moderate depth would go to PyTorch's old code, tens of times slower than
+    oneDNN, and more so backwards.
     """
 
     def forward(
         self, volume: Float[Tensor, "batch _channel _plane _height _width"]
     ) -> Float[Tensor, "batch _channels _planes _rows _columns"]:
+        if convolution_gradient.fits_kernel(self, volume):
+            return convolution_gradient.convolve(self, volume)
         if fits_onednn(volume):
             return convolve_by_onednn(self, volume)
         return _step_around(super().forward, volume)
@@ -34,6 +38,8 @@ class ConvTranspose3d(nn.ConvTranspose3d):
     def forward(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, volume: Float[Tensor, "batch _channel _plane _height _width"]
     ) -> Float[Tensor, "batch _channels _planes _rows _columns"]:
+        if convolution_gradient.fits_kernel(self, volume):
+            return convolution_gradient.convolve(self, volume)
         if fits_onednn(volume):
             return convolve_by_onednn(self, volume)
         return _step_around(super().forward, volume)

@@ -82,7 +82,7 @@ def _middle_pixels(pixels: np.ndarray, step: int, size: tuple[int, int]) -> np.n
 
 def _open(path: Path) -> Image.Image:
     try:
-        image = Image.open(path)
+        image = Image.open(path, formats=("PNG", "JPEG"))
         image.load()
     except (OSError, UnidentifiedImageError) as error:
         raise InputError(f"{path} cannot be read: run mvsam predict again") from error

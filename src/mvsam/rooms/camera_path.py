@@ -57,8 +57,8 @@ def look(position: np.ndarray, yaw_deg: Number, pitch_deg: Number, roll_deg: Num
 def clearance(room: Room, positions: np.ndarray) -> np.ndarray:
     """Distance from each place to the nearest surface, metres, by 66 rays."""
     directions = _sphere()
-    origins = np.repeat(positions.astype(np.float32), len(directions), axis=0)
-    rays = np.tile(directions, (len(positions), 1))
+    origins = np.repeat(positions.astype(np.float32).T, directions.shape[1], axis=1)
+    rays = np.tile(directions, len(positions))
     return room.nearest(origins, rays).reshape(len(positions), -1).min(axis=1)
 
 
@@ -66,27 +66,32 @@ def _sphere(count: int = 66) -> np.ndarray:
     height = (np.arange(count) + 0.5) / count * 2 - 1
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
     out = np.sqrt(1 - height**2)
-    return np.column_stack([out * np.cos(turn), out * np.sin(turn), height]).astype(np.float32)
+    return np.stack([out * np.cos(turn), out * np.sin(turn), height]).astype(np.float32)
 
 
-def camera_path(room: Room, dice: Dice, num_frames: int, width: int, height: int) -> list[Camera]:
+def camera_path(
+    room: Room, dice: Dice, num_frames: int, width: int, height: int, wide: bool = False
+) -> list[Camera]:
     """Poses of neighbouring views, never near a surface.
 
     Most are 2-60 cm apart and turn a little; a fifth of the paths go around one thing, in steps of
-    up to 45 degrees and 1.2 m, as people photograph a piece of furniture.
+    up to 45 degrees and 1.2 m, as people photograph a piece of furniture. wide: half of them do,
+    and the others turn by 10 to 35 degrees a step, as photos do that share little.
     """
     lens = intrinsics(dice, width, height)
     best, best_score = None, -np.inf
     wanted = _rare_point(room, dice) if dice.chance(0.85) else None
     pace = _pace(dice)
-    step_deg = dice.uniform(8, 45) if wanted is not None and dice.chance(0.24) else None
+    around = 0.5 if wide else 0.24
+    step_deg = dice.uniform(8, 45) if wanted is not None and dice.chance(around) else None
+    turn = dice.uniform(10, 35) * dice.pick([-1, 1]) if wide else None
     for attempt in range(_ATTEMPTS):
         crowded = attempt > 80
         target, scale = (None, 0.4) if crowded else (wanted, max(pace * 0.996**attempt, 0.4))
         if step_deg is not None and wanted is not None and not crowded:
             poses = _walk_around(room, dice, num_frames, wanted, step_deg * 0.99**attempt)
         else:
-            poses = _wander(room, dice, num_frames, target, scale)
+            poses = _wander(room, dice, num_frames, target, scale, turn)
         if poses is None:
             continue
         score = _interest(room, lens, poses, width, height) + dice.uniform(0, 0.4)
@@ -114,8 +119,11 @@ def _rare_point(room: Room, dice: Dice) -> np.ndarray:
     return room.triangles[chosen[dice.count(0, len(chosen) - 1)]].mean(axis=0).astype(np.float64)
 
 
-def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number):
-    """Poses of one short path, or None if it comes too near to something."""
+def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number, turn: Number | None):
+    """Poses of one short path, or None if it comes too near to something.
+
+    It turns by `turn` degrees a step (None: a few), besides what keeps `wanted` in view.
+    """
     start = _stand(room, dice)
     yaw, pitch, roll = dice.uniform(0, 360), dice.uniform(-32, 3), dice.uniform(-4, 4)
     distance = 2.0
@@ -130,7 +138,7 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number):
     heading = np.radians(yaw + dice.pick([-90, 90, 60, -60, 120, -120, 0]) + dice.uniform(-25, 25))
     direction = np.array([np.cos(heading), np.sin(heading), dice.uniform(-0.3, 0.3)])
     direction *= scale / np.linalg.norm(direction)
-    turn = dice.uniform(-4, 4)
+    turn = dice.uniform(-4, 4) if turn is None else turn
     pivot = start + distance * look(start, yaw, pitch, 0)[:3, 2]
     attention = dice.uniform(0.3, 1)  # 0: looks straight on while walking, 1: at the same thing
     positions, angles = [start], [(yaw, pitch, roll)]
@@ -191,7 +199,7 @@ def _interest(room: Room, lens, poses, width: int, height: int) -> float:
     """How much there is to see: many classes, at arm's length to a few metres."""
     camera = Camera(lens, poses[len(poses) // 2], width, height)
     column, row = np.meshgrid((np.arange(20) + 0.5) / 20, (np.arange(16) + 0.5) / 16)
-    pixels = np.column_stack([column.ravel() * width, row.ravel() * height])
+    pixels = np.stack([column.ravel() * width, row.ravel() * height])
     hits = room.trace(*camera.rays(pixels))
     labels = room.labels[hits.triangle]
     share = np.bincount(labels, minlength=256) / len(labels)

@@ -62,8 +62,21 @@ def box_mapped_uv(corners: np.ndarray, grain_axis: int = 0) -> np.ndarray:
 
 def _face_normals(corners: np.ndarray) -> np.ndarray:
     """Twice as long as the triangles are large; np.cross takes its time over so few numbers."""
-    (ax, ay, az), (bx, by, bz) = (corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    ax, ay, az = first[..., 0], first[..., 1], first[..., 2]
+    bx, by, bz = second[..., 0], second[..., 1], second[..., 2]
+    product = np.empty_like(first)
+    product[..., 0] = ay * bz - az * by
+    product[..., 1] = az * bx - ax * bz
+    product[..., 2] = ax * by - ay * bx
+    return product
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt((vectors * vectors).sum(axis=-1))
 
 
 def _read_off(corners: np.ndarray, faces: np.ndarray, grain_axis: int) -> np.ndarray:
@@ -71,13 +84,13 @@ def _read_off(corners: np.ndarray, faces: np.ndarray, grain_axis: int) -> np.nda
     pairs = np.array([[1, 2], [0, 2], [0, 1]])[facing]
     swap = pairs[:, 1] == grain_axis
     pairs[swap] = pairs[swap][:, ::-1]
-    return np.take_along_axis(corners, np.repeat(pairs[:, None, :], 3, axis=1), axis=2)
+    return np.take_along_axis(corners, pairs[:, None, :], axis=2)
 
 
 def flat(corners: np.ndarray, grain_axis: int = 0) -> Soup:
     """A soup with each triangle's own normal."""
     faces = _face_normals(corners)
-    faces /= np.maximum(np.sqrt((faces * faces).sum(axis=1, keepdims=True)), 1e-12)
+    faces /= np.maximum(_lengths(faces), 1e-12)[:, None]
     normals = np.repeat(faces[:, None, :], 3, axis=1)
     return Soup(corners, normals, _read_off(corners, faces, grain_axis))
 
@@ -116,25 +129,28 @@ def tapered(low: Corner, high: Corner, shrink: Number, top: bool = True) -> Soup
 
 def grid_surface(points: Float[np.ndarray, "row column 3"], uv: np.ndarray | None = None) -> Soup:
     """A smooth sheet through a grid of points."""
-    down, across = np.gradient(points, axis=0), np.gradient(points, axis=1)
-    normals = np.cross(across, down)
-    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    normals = _cross(_slopes(points.swapaxes(0, 1)).swapaxes(0, 1), _slopes(points))
+    normals /= np.maximum(_lengths(normals), 1e-12)[..., None]
     if uv is None:
-        step_u = np.linalg.norm(np.diff(points, axis=1), axis=2)
-        step_v = np.linalg.norm(np.diff(points, axis=0), axis=2)
-        u = np.pad(np.cumsum(step_u, axis=1), ((0, 0), (1, 0)))
-        v = np.pad(np.cumsum(step_v, axis=0), ((1, 0), (0, 0)))
-        uv = np.stack([u, v], axis=2)
+        uv = np.zeros((*points.shape[:2], 2))
+        uv[:, 1:, 0] = np.cumsum(_lengths(points[:, 1:] - points[:, :-1]), axis=1)
+        uv[1:, :, 1] = np.cumsum(_lengths(points[1:] - points[:-1]), axis=0)
     return Soup(_cells(points), _cells(normals), _cells(uv))
+
+
+def _slopes(points: np.ndarray) -> np.ndarray:
+    """np.gradient from row to row; that takes its time over grids as small as a leaf's."""
+    slopes = np.empty_like(points)
+    slopes[1:-1] = (points[2:] - points[:-2]) / 2
+    slopes[0], slopes[-1] = points[1] - points[0], points[-1] - points[-2]
+    return slopes
 
 
 def _cells(grid: np.ndarray) -> np.ndarray:
     """The two triangles of each cell of a (row, column, channel) grid: (triangle, 3, channel)."""
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
-    first, second = np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)
-    return np.concatenate(
-        [first.reshape(-1, 3, first.shape[-1]), second.reshape(-1, 3, d.shape[2])]
-    )
+    corners = np.stack([a, b, c, a, c, d]).reshape(2, 3, -1, grid.shape[2])
+    return corners.swapaxes(1, 2).reshape(-1, 3, grid.shape[2])
 
 
 def lathe(profile: Sequence[tuple[Number, Number]], sides: int = 12, squash: Number = 1.0) -> Soup:
@@ -149,7 +165,7 @@ def lathe(profile: Sequence[tuple[Number, Number]], sides: int = 12, squash: Num
     normals = np.empty_like(points)
     normals[..., :2] = slope[1][:, None, None] * np.stack([ring[:, 0], ring[:, 1] / squash], axis=1)
     normals[..., 2] = -slope[0][:, None]
-    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    normals /= np.maximum(_lengths(normals), 1e-12)[..., None]
     u = np.broadcast_to(height[:, None], points.shape[:2])
     v = np.broadcast_to(angle * radius.max(), points.shape[:2])
     return Soup(_cells(points), _cells(normals), _cells(np.stack([u, v], axis=2)))
@@ -225,12 +241,9 @@ def cushion(low: Corner, high: Corner, softness: Number = 0.35, rings: int = 8) 
 
     points = centre + surface(softness) * half
     normals = surface(2 - softness) / np.maximum(half, 1e-6)
-    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    normals /= np.maximum(_lengths(normals), 1e-12)[..., None]
     corners = _cells(points)
-    solid = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    keep = solid > 1e-10
+    keep = _lengths(_face_normals(corners)) > 1e-10
     return Soup(corners[keep], _cells(normals)[keep], box_mapped_uv(corners[keep]))
 
 
@@ -276,9 +289,5 @@ def loft(
             [closed[:, 0] * scale_x, closed[:, 1] * scale_y + shift, np.full(len(closed), height)]
         )
     skin = grid_surface(points)
-    area = np.linalg.norm(
-        np.cross(skin.corners[:, 1] - skin.corners[:, 0], skin.corners[:, 2] - skin.corners[:, 0]),
-        axis=1,
-    )
-    keep = area > 1e-9
+    keep = _lengths(_face_normals(skin.corners)) > 1e-9
     return Soup(skin.corners[keep], skin.normals[keep], skin.uv[keep])

@@ -22,22 +22,22 @@ class Pyramid:
     levels: list[Float[np.ndarray, "_height _width 3"]]
 
     def at(
-        self, places: Float[np.ndarray, "point 2"], footprint: Float[np.ndarray, " point"]
-    ) -> Float[np.ndarray, "point 3"]:
+        self, places: Float[np.ndarray, "2 point"], footprint: Float[np.ndarray, " point"]
+    ) -> Float[np.ndarray, "3 point"]:
         """Colours at (u, v), v upwards, the picture 1 x 1; `footprint` is a pixel's size there."""
         texels = footprint * max(self.levels[0].shape[:2])
         level = np.log2(np.maximum(texels, 1.0)).astype(np.int32)
         level = np.minimum(level, len(self.levels) - 1)
-        color = np.empty((len(places), 3), dtype=np.float32)
+        color = np.empty((3, len(footprint)), dtype=np.float32)
         for number in np.unique(level):
             at = np.flatnonzero(level == number)
-            color[at] = _bilinear(self.levels[number], places[at])
+            color[:, at] = _bilinear(self.levels[number], places[:, at]).T
         return color
 
 
 def _bilinear(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
     height, width = picture.shape[:2]
-    x, y = places[:, 0] * width - 0.5, -places[:, 1] * height - 0.5
+    x, y = places[0] * width - 0.5, -places[1] * height - 0.5
     column, row = np.floor(x), np.floor(y)
     right, down = (x - column)[:, None], (y - row)[:, None]
     column, row = column.astype(np.int64), row.astype(np.int64)

@@ -6,12 +6,16 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from .light import irradiance
-from .room import Hits, Room, row_dot
+from .room import Hits, Rays, Room, dot
 from .smoothing import STEP, LightGrid
 from .textures import albedo
 
-_EDGE_SAMPLES = np.array([[-0.31, -0.17], [0.28, -0.26], [0.06, 0.33]])
-"""Extra rays through a pixel on an edge, besides the one through its centre, pixels."""
+_EDGE_SAMPLES = np.array([[-0.31, 0.28, 0.06], [-0.17, -0.26, 0.33]])
+"""Extra rays through a pixel on an edge, besides the one through its centre: columns and rows."""
+
+
+Pixels = Float[np.ndarray, "2 pixel"]
+"""Column and row of places in an image."""
 
 
 @dataclass(frozen=True)
@@ -23,17 +27,17 @@ class Camera:
     width: int
     height: int
 
-    def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Origins and directions through (column, row) places; directions have camera z = 1."""
-        focal, centre = np.diag(self.intrinsics)[:2], self.intrinsics[:2, 2]
-        local = np.column_stack([(pixels - centre) / focal, np.ones(len(pixels))])
-        directions = (local @ self.world_from_cam[:3, :3].T).astype(np.float32)
-        origins = np.broadcast_to(self.world_from_cam[:3, 3].astype(np.float32), directions.shape)
-        return np.ascontiguousarray(origins), directions
+    def rays(self, pixels: Pixels) -> tuple[Rays, Rays]:
+        """Origins and directions through some places; directions have camera z = 1."""
+        focal, centre = np.diag(self.intrinsics)[:2, None], self.intrinsics[:2, 2:]
+        local = np.concatenate([(pixels - centre) / focal, np.ones((1, pixels.shape[1]))])
+        directions = (self.world_from_cam[:3, :3] @ local).astype(np.float32)
+        origin = self.world_from_cam[:3, 3:].astype(np.float32)
+        return np.broadcast_to(origin, directions.shape), directions
 
-    def pixel_centres(self) -> np.ndarray:
+    def pixel_centres(self) -> Pixels:
         column, row = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        return np.column_stack([column.ravel(), row.ravel()])
+        return np.stack([column.ravel(), row.ravel()])
 
 
 @dataclass(frozen=True)
@@ -51,16 +55,20 @@ class Rendering:
 class _Seen:
     """Points of the room seen through places of the image."""
 
-    pixels: np.ndarray
-    directions: np.ndarray
+    pixels: Pixels
+    directions: Rays
     hits: Hits
 
     @property
     def surface(self) -> np.ndarray:
-        return np.concatenate([self.hits.position, self.hits.normal], axis=1)
+        return np.concatenate([self.hits.position, self.hits.normal])
 
     def part(self, chosen: np.ndarray) -> "_Seen":
-        return _Seen(self.pixels[chosen], self.directions[chosen], self.hits.part(chosen))
+        return _Seen(
+            self.pixels.take(chosen, axis=1),
+            self.directions.take(chosen, axis=1),
+            self.hits.part(chosen),
+        )
 
 
 def render(room: Room, camera: Camera) -> Rendering:
@@ -70,18 +78,19 @@ def render(room: Room, camera: Camera) -> Rendering:
     radiance = _radiance(room, camera, grid, centres)
     edges = np.flatnonzero(_on_edge(room.part[centres.hits.triangle].reshape(shape)))
     if len(edges):
-        around = centres.pixels[edges][:, None] + _EDGE_SAMPLES
-        extra = _radiance(room, camera, grid, _see(room, camera, around.reshape(-1, 2)))
-        extra = np.minimum(extra, 8.0).reshape(len(edges), -1, 3).sum(axis=1)
-        radiance[edges] = (np.minimum(radiance[edges], 8.0) + extra) / (1 + len(_EDGE_SAMPLES))
+        around = centres.pixels[:, None, edges] + _EDGE_SAMPLES[..., None]
+        extra = _radiance(room, camera, grid, _see(room, camera, around.reshape(2, -1)))
+        extra = np.minimum(extra, 8.0).reshape(3, -1, len(edges)).sum(axis=1)
+        centre = np.minimum(radiance[:, edges], 8.0)
+        radiance[:, edges] = (centre + extra) / (1 + _EDGE_SAMPLES.shape[1])
     return Rendering(
-        radiance.reshape(*shape, 3),
+        np.ascontiguousarray(radiance.T).reshape(*shape, 3),
         centres.hits.distance.reshape(shape),
         room.labels[centres.hits.triangle].reshape(shape),
     )
 
 
-def _see(room: Room, camera: Camera, pixels: np.ndarray) -> _Seen:
+def _see(room: Room, camera: Camera, pixels: Pixels) -> _Seen:
     origins, directions = camera.rays(pixels)
     return _Seen(pixels, directions, room.trace(origins, directions))
 
@@ -102,8 +111,8 @@ def _light_grid(room: Room, camera: Camera, centres: _Seen) -> LightGrid:
     index = index[::STEP, ::STEP]
     coarse = centres.part(index.ravel())
     light = _incoming(room, camera, coarse, samples=2)
-    surface = coarse.surface.reshape(*index.shape, 6)
-    return LightGrid(surface, light.reshape(*index.shape, 6)).smoothed()
+    surface = coarse.surface.reshape(6, *index.shape)
+    return LightGrid(surface, light.reshape(6, *index.shape)).smoothed()
 
 
 def _incoming(room: Room, camera: Camera, seen: _Seen, samples: int) -> np.ndarray:
@@ -113,23 +122,22 @@ def _incoming(room: Room, camera: Camera, seen: _Seen, samples: int) -> np.ndarr
     mirrored = np.zeros_like(light)
     shiny = np.flatnonzero(room.materials.gloss[room.material[seen.hits.triangle]] > 0.1)
     if len(shiny):
-        mirrored[shiny] = _mirrored(room, camera, seen.part(shiny), phase[shiny])
-    return np.concatenate([light, mirrored], axis=1)
+        mirrored[:, shiny] = _mirrored(room, camera, seen.part(shiny), phase.take(shiny, axis=1))
+    return np.concatenate([light, mirrored])
 
 
 def _mirrored(room: Room, camera: Camera, seen: _Seen, phase: np.ndarray) -> np.ndarray:
     normal = seen.hits.normal
-    along = row_dot(seen.directions, normal)[:, None]
-    direction = seen.directions - 2 * along * normal
-    direction /= np.sqrt(row_dot(direction, direction))[:, None]
+    direction = seen.directions - 2 * dot(seen.directions, normal) * normal
+    direction /= np.sqrt(dot(direction, direction))
     # A polished floor is not a mirror: the pattern of shifts is blurred with the rest.
-    direction[:, :2] += 0.05 * (phase - 0.5)
+    direction[:2] += 0.05 * (phase - 0.5)
     start = seen.hits.position + normal * np.float32(2e-3)
     hits = room.trace(start, direction)
     color = _albedo(room, camera, hits, direction, seen.hits.distance + hits.distance)
     light = irradiance(room, hits.position, hits.normal, phase, samples=1)
     emission = room.materials.emission[room.material[hits.triangle]]
-    return np.minimum(color * (light + emission[:, None]), 6.0)
+    return np.minimum(color * (light + emission), 6.0)
 
 
 def _radiance(room: Room, camera: Camera, grid: LightGrid, seen: _Seen) -> np.ndarray:
@@ -137,18 +145,18 @@ def _radiance(room: Room, camera: Camera, grid: LightGrid, seen: _Seen) -> np.nd
     incoming, agreement = grid.at(seen.pixels, seen.surface)
     lonely = np.flatnonzero(agreement < 1e-3)
     if len(lonely):
-        incoming[lonely] = _incoming(room, camera, seen.part(lonely), samples=2)
+        incoming[:, lonely] = _incoming(room, camera, seen.part(lonely), samples=2)
     material = room.material[seen.hits.triangle]
     color = _albedo(room, camera, seen.hits, seen.directions, seen.hits.distance)
-    share = _mirror_share(room.materials.gloss[material], seen)[:, None]
-    body = color * (incoming[:, :3] * (1 - share) + room.materials.emission[material][:, None])
-    return (body + share * incoming[:, 3:]).astype(np.float32)
+    share = _mirror_share(room.materials.gloss[material], seen)
+    body = color * (incoming[:3] * (1 - share) + room.materials.emission[material])
+    return (body + share * incoming[3:]).astype(np.float32)
 
 
 def _mirror_share(gloss: np.ndarray, seen: _Seen) -> np.ndarray:
     """Schlick's rule for varnish, stronger for metal (gloss above 1)."""
-    facing = -row_dot(seen.directions, seen.hits.normal)
-    facing /= np.sqrt(row_dot(seen.directions, seen.directions))
+    facing = -dot(seen.directions, seen.hits.normal)
+    facing /= np.sqrt(dot(seen.directions, seen.directions))
     fresnel = 0.04 + 0.96 * (1 - np.clip(facing, 0, 1)) ** 5
     return np.minimum(gloss * fresnel, np.where(gloss > 4, 0.85, 0.5))
 
@@ -158,9 +166,9 @@ def _albedo(room: Room, camera: Camera, hits: Hits, directions, path: np.ndarray
     return albedo(room.materials, room.material[hits.triangle], hits.uv, footprint, directions)
 
 
-def _phase(pixels: np.ndarray) -> np.ndarray:
+def _phase(pixels: Pixels) -> np.ndarray:
     """A shift of the ray pattern that differs within each 4 x 4 block of the light grid."""
-    column, row = (pixels / STEP).astype(np.int32).T
+    column, row = (pixels / STEP).astype(np.int32)
     index = (column & 3) + 4 * (row & 3)
     order = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])[index]
-    return np.column_stack([(order + 0.5) / 16, (order * 0.618) % 1]).astype(np.float32)
+    return np.stack([(order + 0.5) / 16, (order * 0.618) % 1]).astype(np.float32)

@@ -16,11 +16,11 @@ from .photo import Sensor
 from .render import Camera, render
 from .room import Room
 
-SPLITS: dict[str, int | None] = {"train": None, "val": 100, "test": 100}
-"""Number of scenes; None is unlimited."""
+SPLITS: dict[str, int | None] = {"train": None, "wide": None, "val": 100, "test": 100}
+"""Number of scenes; None is unlimited. `wide` is to train on too: its views share little."""
 VERSION = 4
 """Grows whenever a change alters a pixel, so that no cache serves rooms of another version."""
-_SPLIT_KEYS = {"train": 101, "val": 202, "test": 303}
+_SPLIT_KEYS = {"train": 101, "val": 202, "test": 303, "wide": 404}
 
 
 class RoomScene:
@@ -54,7 +54,8 @@ class RoomScene:
 
     @cached_property
     def cameras(self) -> list[Camera]:
-        return camera_path(self.room, self._dice(1), len(self), self._width, self._height)
+        size, is_wide = (self._width, self._height), self.split == "wide"
+        return camera_path(self.room, self._dice(1), len(self), *size, wide=is_wide)
 
     def frame(self, index: int) -> Frame:
         if not 0 <= index < len(self):

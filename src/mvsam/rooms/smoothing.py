@@ -4,7 +4,6 @@ Grid point (i, j) is the centre of pixel (2 i, 2 j). A neighbour counts only whe
 plane of the asking point and faces the same way, so light does not leak over edges.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,52 +17,47 @@ STEP = 2
 class LightGrid:
     """Rows x columns of surface points (position, unit normal) and the light there."""
 
-    surface: Float[np.ndarray, "row column 6"]
-    light: Float[np.ndarray, "row column channel"]
+    surface: Float[np.ndarray, "6 row column"]
+    light: Float[np.ndarray, "channel row column"]
 
     def smoothed(self) -> "LightGrid":
         """Averaged over 4 x 4 neighbours, the period of the ray pattern, along surfaces."""
         light = self.light
-        channels = np.ascontiguousarray(np.moveaxis(self.surface, 2, 0))
-        for axis in (0, 1):
-            light = _smoothed_along(axis, light, channels)
+        for axis in (1, 2):
+            light = _smoothed_along(axis, light, self.surface)
         return LightGrid(self.surface, light)
 
     def at(
-        self, pixels: Float[np.ndarray, "point 2"], surface: Float[np.ndarray, "point 6"]
-    ) -> tuple[Float[np.ndarray, "point channel"], Float[np.ndarray, " point"]]:
+        self, pixels: Float[np.ndarray, "2 point"], surface: Float[np.ndarray, "6 point"]
+    ) -> tuple[Float[np.ndarray, "channel point"], Float[np.ndarray, " point"]]:
         """Light at points seen at (column, row), and how far grid points agree with each (0..1)."""
-        rows, columns = self.light.shape[:2]
-        known = np.concatenate([self.surface, self.light], axis=2).reshape(rows * columns, -1)
-        known = np.ascontiguousarray(known.T)  # channel by channel: numpy is far faster so
-        asking = np.ascontiguousarray(surface.T)
-        column, row = _inside(pixels[:, 0], columns), _inside(pixels[:, 1], rows)
-        corner = row.astype(np.int32) * columns + column.astype(np.int32)
+        channels, rows, columns = self.light.shape
+        known = np.concatenate([self.surface, self.light]).reshape(6 + channels, rows * columns)
+        column, row = _inside(pixels[0], columns), _inside(pixels[1], rows)
+        corner = row.astype(np.int64) * columns + column.astype(np.int64)
         right_part, down_part = column % 1, row % 1
-        total = np.zeros((self.light.shape[2], len(pixels)), dtype=np.float32)
-        weights = np.zeros(len(pixels), dtype=np.float32)
+        total = np.zeros((channels, len(corner)), dtype=np.float32)
+        weights = np.zeros(len(corner), dtype=np.float32)
         for down in (0, 1):
             for right in (0, 1):
                 near = np.abs(1 - right - right_part) * np.abs(1 - down - down_part) + 0.02
-                there = corner + (down * columns + right)
-                weight = near * _agreement(asking, [channel[there] for channel in known[:6]])
-                for sums, channel in zip(total, known[6:], strict=True):
-                    sums += weight * channel[there]
+                there = known.take(corner + (down * columns + right), axis=1)
+                weight = near * _agreement(surface, there[:6])
+                total += weight * there[6:]
                 weights += weight
-        return np.ascontiguousarray((total / np.maximum(weights, 1e-6)).T), weights
+        return total / np.maximum(weights, 1e-6), weights
 
 
-def _smoothed_along(axis: int, light: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    total, weights = light.copy(), np.ones((*light.shape[:2], 1), dtype=np.float32)
+def _smoothed_along(axis: int, light: np.ndarray, surface: np.ndarray) -> np.ndarray:
+    total, weights = light.copy(), np.ones((1, *light.shape[1:]), dtype=np.float32)
     size = light.shape[axis]
     for shift, share in ((-2, 0.5), (-1, 1.0), (1, 1.0), (2, 0.5)):
-        here: list[slice] = [slice(None), slice(None)]
+        here = [slice(None)] * 3
         there = list(here)
         here[axis] = slice(max(0, -shift), size - max(0, shift))
         there[axis] = slice(max(0, shift), size - max(0, -shift))
         a, b = tuple(here), tuple(there)
-        agreement = _agreement(channels[(slice(None), *a)], channels[(slice(None), *b)])
-        weight = np.float32(share) * agreement[..., None]
+        weight = np.float32(share) * _agreement(surface[a], surface[b])
         total[a] += weight * light[b]
         weights[a] += weight
     return total / weights
@@ -74,7 +68,7 @@ def _inside(places: np.ndarray, count: int) -> np.ndarray:
     return np.clip((places - 0.5) / STEP, 0, count - 1.001).astype(np.float32)
 
 
-def _agreement(asking: Sequence[np.ndarray] | np.ndarray, other: Sequence[np.ndarray] | np.ndarray):
+def _agreement(asking: np.ndarray, other: np.ndarray) -> np.ndarray:
     """1 for points of one plane with one normal, falling to 0; each six channels."""
     ax, ay, az, nx, ny, nz = asking
     bx, by, bz, mx, my, mz = other

@@ -19,11 +19,11 @@ _PER_CELL = 8
 
 @dataclass(frozen=True)
 class MaterialTable:
-    """The materials of a room as columns, one row each."""
+    """The materials of a room as columns."""
 
     pattern: Int[np.ndarray, " material"]
-    color: Float[np.ndarray, "material 3"]
-    second: Float[np.ndarray, "material 3"]
+    color: Float[np.ndarray, "3 material"]
+    second: Float[np.ndarray, "3 material"]
     scale: Float[np.ndarray, " material"]
     contrast: Float[np.ndarray, " material"]
     gloss: Float[np.ndarray, " material"]
@@ -35,7 +35,7 @@ class MaterialTable:
 
 def material_table(materials: list[Material]) -> MaterialTable:
     def column(name: str) -> np.ndarray:
-        return np.array([getattr(m, name) for m in materials], dtype=np.float32)
+        return np.array([getattr(m, name) for m in materials], dtype=np.float32).T
 
     pattern = np.array([PATTERNS.index(m.pattern) for m in materials])
     names = ("color", "second", "scale", "contrast", "gloss", "emission", "seed")
@@ -64,32 +64,32 @@ class _Hits:
 
     def blend(self, amount: np.ndarray) -> np.ndarray:
         """From the first colour (0) to the second (1)."""
-        return self.color + (self.second - self.color) * (amount * self.contrast)[:, None]
+        return self.color + (self.second - self.color) * (amount * self.contrast)
 
 
 def albedo(
     table: MaterialTable,
     material: Int[np.ndarray, " hit"],
-    uv: Float[np.ndarray, "hit 2"],
+    uv: Float[np.ndarray, "2 hit"],
     footprint: Float[np.ndarray, " hit"],
-    direction: Float[np.ndarray, "hit 3"],
-) -> Float[np.ndarray, "hit 3"]:
+    direction: Float[np.ndarray, "3 hit"],
+) -> Float[np.ndarray, "3 hit"]:
     """Linear albedo; `footprint` is the size of a pixel on the surface, metres."""
-    color = np.empty((len(material), 3), dtype=np.float32)
+    color = np.empty((3, len(material)), dtype=np.float32)
     pattern = table.pattern[material]
-    for number in np.unique(pattern):
+    for number in np.flatnonzero(np.bincount(pattern)):
         at = np.flatnonzero(pattern == number)
         which = material[at]
         if PATTERNS[number] == "image":
-            color[at] = _pictures(table, which, uv[at], footprint[at])
+            color[:, at] = _pictures(table, which, uv[:, at], footprint[at])
             continue
-        seed = table.seed[which]
+        u, v = uv.take(at, axis=1)
         hits = _Hits(
-            uv[at, 0], uv[at, 1], footprint[at], direction[at],
-            table.color[which], table.second[which],
-            table.scale[which], table.contrast[which], seed,
+            u, v, footprint[at], direction.take(at, axis=1),
+            table.color.take(which, axis=1), table.second.take(which, axis=1),
+            table.scale[which], table.contrast[which], table.seed[which],
         )  # fmt: skip
-        color[at] = _EVALUATE[PATTERNS[number]](hits)
+        color[:, at] = _EVALUATE[PATTERNS[number]](hits)
     return np.clip(color, 0.0, 1.0)
 
 
@@ -97,12 +97,13 @@ def _pictures(
     table: MaterialTable, material: np.ndarray, uv: np.ndarray, footprint: np.ndarray
 ) -> np.ndarray:
     """Colours of hits on surfaces that show a picture."""
-    color = np.empty((len(material), 3), dtype=np.float32)
+    color = np.empty((3, len(material)), dtype=np.float32)
     for number in np.unique(material):
         at = np.flatnonzero(material == number)
         shown, scale = table.images[number], table.scale[number]
         assert shown is not None
-        color[at] = shown.at(uv[at] / scale, footprint[at] / scale) * table.color[number]
+        color[:, at] = shown.at(uv[:, at] / scale, footprint[at] / scale)
+        color[:, at] *= table.color[:, number, None]
     return color
 
 
@@ -140,7 +141,7 @@ def _plain(h: _Hits) -> np.ndarray:
     """Paint: only a very faint unevenness."""
     slow = _noise(h.u * 1.3 + h.seed, h.v * 1.3 + h.seed) - 0.5
     fine = (_noise(h.u * 60, h.v * 60 + h.seed) - 0.5) * h.fade(0.02)
-    return h.color * (1 + 0.05 * slow + 0.02 * fine)[:, None]
+    return h.color * (1 + 0.05 * slow + 0.02 * fine)
 
 
 def _wood(h: _Hits) -> np.ndarray:
@@ -163,7 +164,7 @@ def _planks(h: _Hits) -> np.ndarray:
     seam_u = np.abs(along - column - 0.5) > 0.5 - 0.0003 / h.scale
     seam = (seam_u | seam_v) * h.fade(0.012)
     amount = 0.55 * tone + 0.3 * grain * h.fade(0.03) + 0.15 * fiber
-    return h.blend(amount) * (1 - 0.5 * seam)[:, None]
+    return h.blend(amount) * (1 - 0.5 * seam)
 
 
 def _tiles(h: _Hits) -> np.ndarray:
@@ -173,7 +174,7 @@ def _tiles(h: _Hits) -> np.ndarray:
     cloud = _noise(h.u * 9 + h.seed + 7 * tone, h.v * 9) - 0.5
     edge = np.maximum(np.abs(x - column - 0.5), np.abs(y - row - 0.5))
     joint = np.clip((edge - 0.5 + 0.004 / h.scale) * h.scale * 800 + 0.5, 0, 1) * h.fade(0.02)
-    return h.blend(joint) * (1 + 0.12 * tone + 0.12 * cloud)[:, None]
+    return h.blend(joint) * (1 + 0.12 * tone + 0.12 * cloud)
 
 
 def _carpet(h: _Hits) -> np.ndarray:
@@ -191,7 +192,7 @@ def _brick(h: _Hits) -> np.ndarray:
     rough = _noise(h.u * 90, h.v * 90 + h.seed) - 0.5
     joint = (np.abs(y - row - 0.5) > 0.42) | (np.abs(x - column - 0.5) > 0.47)
     color = h.blend(joint * h.fade(0.03) + 0.18 * (1 - h.fade(0.03)))
-    return color * (1 + 0.35 * tone + 0.25 * rough * h.fade(0.015))[:, None]
+    return color * (1 + 0.35 * tone + 0.25 * rough * h.fade(0.015))
 
 
 def _stripes(h: _Hits) -> np.ndarray:
@@ -260,13 +261,13 @@ def _rug(h: _Hits) -> np.ndarray:
     x, y = np.abs(h.u), np.abs(h.v)
     lozenge = (np.floor((x + y) / h.scale) + np.floor((x - y + 8) / h.scale)) % 2
     fine = _noise(h.u * 120, h.v * 120 + h.seed) - 0.5
-    return h.blend(0.5 + (lozenge - 0.5) * h.fade(h.scale / 2)) * (1 + 0.2 * fine)[:, None]
+    return h.blend(0.5 + (lozenge - 0.5) * h.fade(h.scale / 2)) * (1 + 0.2 * fine)
 
 
 def _painting(h: _Hits) -> np.ndarray:
     """A picture: a gradient, blobs and strokes in colours of its own; uv in [0, 1]."""
     base = np.stack(
-        [0.5 + 0.5 * np.sin(h.seed * k + h.v * (1 + k % 2) * 2.5 + h.u) for k in (3.1, 5.3, 7.7)], 1
+        [0.5 + 0.5 * np.sin(h.seed * k + h.v * (1 + k % 2) * 2.5 + h.u) for k in (3.1, 5.3, 7.7)]
     )
     color = h.color + (h.second - h.color) * base
     for layer in range(5):
@@ -276,11 +277,11 @@ def _painting(h: _Hits) -> np.ndarray:
         wobble = 0.25 * _noise(h.u * 4 + key, h.v * 4)
         distance = np.hypot((h.u - centre_u) * (0.6 + _unit(key)), h.v - centre_v) + wobble
         inside = np.clip((size + 0.1 - distance) * 40, 0, 1)
-        tint = np.stack([_unit(key * k + 0.1) for k in (6.1, 8.9, 9.7)], 1) ** 1.6
-        tint = tint.mean(axis=1, keepdims=True) * 0.4 + tint * 0.6
-        color = color + (tint - color) * inside[:, None]
+        tint = np.stack([_unit(key * k + 0.1) for k in (6.1, 8.9, 9.7)]) ** 1.6
+        tint = tint.mean(axis=0) * 0.4 + tint * 0.6
+        color = color + (tint - color) * inside
     stroke = _noise(h.u * 40 + h.seed, h.v * 25) - 0.5
-    return color * (1 + 0.3 * stroke * h.contrast)[:, None]
+    return color * (1 + 0.3 * stroke * h.contrast)
 
 
 def _unit(value: np.ndarray) -> np.ndarray:
@@ -291,15 +292,16 @@ def _unit(value: np.ndarray) -> np.ndarray:
 
 def _outside(h: _Hits) -> np.ndarray:
     """The blurred view through a window: sky, far trees or houses; it depends on the direction."""
-    flat = np.maximum(np.hypot(h.toward[:, 0], h.toward[:, 1]), 1e-3)
-    up = h.toward[:, 2] / flat
-    turn = np.arctan2(h.toward[:, 1], h.toward[:, 0])
+    x, y, z = h.toward
+    flat = np.maximum(np.hypot(x, y), 1e-3)
+    up = z / flat
+    turn = np.arctan2(y, x)
     skyline = 0.02 + 0.35 * h.contrast * (_noise(turn * 3 + h.seed, h.seed) - 0.15)
     leaves = _noise(turn * 18 + h.seed, up * 18) * 0.6 + _noise(turn * 45, up * 45 + h.seed) * 0.4
     ground = np.clip((skyline - up) * 14 + (leaves - 0.5) * 1.6 * (h.contrast > 0.3), 0, 1)
-    sky = h.color * (1 - 0.25 * np.clip(up, -0.2, 1))[:, None]
-    trees = h.second * (0.35 + 1.1 * leaves)[:, None]
-    return sky + (trees - sky) * ground[:, None]
+    sky = h.color * (1 - 0.25 * np.clip(up, -0.2, 1))
+    trees = h.second * (0.35 + 1.1 * leaves)
+    return sky + (trees - sky) * ground
 
 
 def _screen(h: _Hits) -> np.ndarray:

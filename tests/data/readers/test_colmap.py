@@ -1,10 +1,13 @@
 """COLMAP models, written here with pycolmap itself or as its text format documents."""
 
+import struct
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from mvsam.data.formats import open_scene
+from mvsam.data.readers import colmap_binary
 from mvsam.errors import InputError
 from tests.synthetic import write_posed_folder
 
@@ -130,3 +133,89 @@ def test_measured_depth_tells_how_long_a_unit_is(tmp_path, caplog):
         np.testing.assert_allclose(frame.depth, view.depth, atol=0.51e-3)
     with pytest.raises(InputError, match="leave --scale out"):
         open_scene(tmp_path, scale=2.0)
+
+
+def write_binary_model(path):
+    """Files as pycolmap writes them, with one point seen once, and rigs and frames."""
+    write_colmap(path)
+    folder = path / "sparse/0"
+    model = pycolmap.Reconstruction(str(folder))
+    model.images[1].points2D = pycolmap.Point2DList([pycolmap.Point2D(np.array([3.5, 4.5]))])
+    track = pycolmap.Track([pycolmap.TrackElement(1, 0)])
+    model.add_point3D(np.array([0.1, 0.2, 2.0]), track)
+    model.write_binary(str(folder))
+    for file in folder.glob("*.txt"):
+        file.unlink()
+    return folder
+
+
+COUNTS = {
+    "cameras": [0],
+    "images": [0, 8 + 64 + len("0000.png") + 1],
+    "points3D": [0, 8 + 43],
+    "rigs": [0, 8 + 4],
+    "frames": [0, 8 + 64],
+}
+"""Where counts stand in the files of `write_binary_model`: of entries, and within the first."""
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_a_count_beyond_the_end_of_a_binary_file_takes_no_memory(tmp_path, name):
+    file = write_binary_model(tmp_path) / f"{name}.bin"
+    content = file.read_bytes()
+    for place in COUNTS[name]:
+        for size in (4, 3):  # bytes that read as more than there is memory, or just enough
+            broken = bytearray(content)
+            broken[place : place + size] = b"\xff" * size
+            file.write_bytes(broken)
+            with pytest.raises(InputError, match=rf"{name}\.bin: COLMAP cannot read .* near byte"):
+                open_scene(tmp_path)
+    file.write_bytes(content)
+    assert len(open_scene(tmp_path)) == 3
+
+
+def test_every_cut_of_a_binary_file_is_refused(tmp_path):
+    folder = write_binary_model(tmp_path)
+    for name in COUNTS:
+        content = (folder / f"{name}.bin").read_bytes()
+        for length in range(0, len(content), 7):
+            (folder / f"{name}.bin").write_bytes(content[:length])
+            with pytest.raises(InputError, match=rf"{name}\.bin: COLMAP cannot read"):
+                open_scene(tmp_path)
+        (folder / f"{name}.bin").write_bytes(content)
+
+
+def test_every_camera_model_of_colmap_has_its_length_here(tmp_path):
+    write_colmap(tmp_path)
+    for name, identifier in pycolmap.CameraModelId.__members__.items():
+        if name != "INVALID":
+            camera = pycolmap.Camera.create_from_model_id(1, identifier, 50.0, 64, 48)
+            assert colmap_binary.PARAMETERS[int(identifier)] == len(camera.params)
+
+
+def test_images_and_points_of_two_models_are_refused(tmp_path):
+    folder = write_binary_model(tmp_path)
+    (tmp_path / "source/depth").rename(tmp_path / "depth")
+    (folder / "points3D.bin").write_bytes(bytes(8))
+    with pytest.raises(InputError, match=r"0000\.png sees points that the COLMAP model lacks"):
+        open_scene(tmp_path)
+
+
+def test_a_pose_that_has_no_inverse_is_refused(tmp_path):
+    frames = write_binary_model(tmp_path) / "frames.bin"
+    content = bytearray(frames.read_bytes())
+    content[16:48] = struct.pack("<4d", 0, 1.5e51, 0, 6.8e45)  # COLMAP takes it as normalised
+    frames.write_bytes(content)
+    with pytest.raises(InputError, match="the pose is not"):
+        open_scene(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["text", "binary"])
+def test_panoramas_are_refused(tmp_path, form):
+    write_colmap(tmp_path)
+    folder = tmp_path / "sparse/0"
+    (folder / "cameras.txt").write_text("1 EQUIRECTANGULAR 64 48 64 48\n")
+    if form == "binary":
+        pycolmap.Reconstruction(str(folder)).write_binary(str(folder))
+    with pytest.raises(InputError, match=r"0000\.png: COLMAP's EQUIRECTANGULAR pictures"):
+        open_scene(tmp_path)

@@ -158,6 +158,16 @@ def test_a_picture_of_absurd_size_is_refused_before_memory_is_taken(tmp_path):
         FORMATS["posed-folder"].open(tmp_path / "scene")
 
 
+@pytest.mark.parametrize("suffix", ["eps", "gif", "sgi"])
+def test_only_what_photos_are_kept_as_is_decoded(tmp_path, suffix):
+    """Pillow alone would run Ghostscript for the first of these."""
+    LAYOUTS["posed-folder"].write(small_frames(), tmp_path / "scene")
+    Image.new("RGB", (64, 48)).save(tmp_path / f"picture.{suffix}")
+    (tmp_path / f"picture.{suffix}").rename(tmp_path / "scene/color/0000.png")
+    with pytest.raises(InputError, match=r"0000\.png: the photo cannot be read"):
+        FORMATS["posed-folder"].open(tmp_path / "scene")
+
+
 def test_every_format_is_fuzzed_or_shares_its_parser():
     shared = {"icl-nuim", "7-scenes", "arkitscenes"}
     assert set(FUZZED) | shared == set(FORMATS)

@@ -7,6 +7,7 @@ from mvsam.apps.bench.cases import Case, FormName
 from mvsam.build import build
 from mvsam.convolution import fold_batch_norm
 from mvsam.encoders.attention import use_plain_attention
+from mvsam.memory import keep_freed_memory
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.textbook import TextbookCascade
 from mvsam.types import Model, Prediction, Views
@@ -28,6 +29,7 @@ def our_model(case: Case) -> Model:
         return fold_batch_norm(model)
     if case.device == "cpu":
         use_plain_attention(model)
+        keep_freed_memory()
     return model.train()
 
 

@@ -5,7 +5,8 @@ import os
 import torch
 
 from mvsam.apps.bench.clock import StageClock
-from mvsam.mvs.sweep import load_kernel
+from mvsam.kernels import load_kernel
+from mvsam.mvs.sweep import SOURCE
 from mvsam.precision import has_native_bfloat16
 from mvsam.provenance import provenance
 
@@ -21,7 +22,7 @@ def machine_record(device: str) -> dict:
         "ran_on": device,
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads(),
-        "kernel": "compiled" if load_kernel() else "plain PyTorch",
+        "kernel": "compiled" if load_kernel(SOURCE) else "plain PyTorch",
         "bfloat16_gflops": matmul_gflops(torch.bfloat16, device) if is_native else None,
         "float32_gflops": matmul_gflops(torch.float32, device),
     }

@@ -9,11 +9,13 @@ from multiprocessing import get_context
 
 import torch
 
+from mvsam import convolution_gradient
 from mvsam.apps.bench.cases import Case, synthetic_targets, synthetic_views
 from mvsam.apps.bench.clock import StageClock
 from mvsam.apps.bench.forms import FORMS, Form
+from mvsam.kernels import load_kernel
 from mvsam.memory import peak_memory
-from mvsam.mvs.sweep import load_kernel
+from mvsam.mvs import sweep
 from mvsam.precision import autocast
 from mvsam.training.losses import JointLoss
 from mvsam.training.optim import OptimizerConfig, make_optimizer
@@ -64,7 +66,8 @@ def run_case(case: Case) -> Measurement:
 
 def measure(case: Case) -> Measurement:
     """Runs one case in this process; `run_case` gives it a fresh one."""
-    load_kernel()  # a first run compiles it
+    for source in (convolution_gradient.SOURCE, sweep.SOURCE):
+        load_kernel(source)  # a first run compiles it
     libraries = peak_memory("cpu")
     torch.manual_seed(0)
     form = FORMS[case.form]

@@ -1,7 +1,7 @@
 """COLMAP models, text and binary, every perspective camera model, read through pycolmap.
 
-A model's unit is arbitrary unless it was aligned: give `--scale`, metres a unit, or put measured
-depth beside the photos, from which it is found.
+A model's unit is arbitrary unless it was aligned: give `--scale`, metres a unit or between two
+cameras, or put measured depth beside the photos, from which it is found.
 """
 
 import logging
@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from mvsam.data.checks import check_pose
 from mvsam.data.files import check_map, check_photo, load_depth, load_photo
+from mvsam.data.readers.colmap_binary import check_binary_model
 from mvsam.data.readers.colmap_scale import metres_a_unit
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
 from mvsam.data.scaled import ScaledScene
@@ -60,6 +62,7 @@ def open_colmap(path: Path) -> Scene:
     if folder is None:
         raise InputError(f"{path}: no COLMAP model (cameras, images) in it or in sparse/0.")
     pycolmap = import_pycolmap()
+    check_binary_model(folder)
     try:
         model = pycolmap.Reconstruction(str(folder))
         posed = (image for image in model.images.values() if image.has_pose)
@@ -78,7 +81,7 @@ def open_colmap(path: Path) -> Scene:
     if scale is None:
         log.warning(
             "%s: a COLMAP model has no unit, so its scale is unknown; depths are metric only if it "
-            "was aligned, or with --scale, metres a unit.",
+            "was aligned, or with --scale, metres a unit or between the cameras of two photos.",
             path,
         )
         return scene
@@ -97,6 +100,10 @@ def _frame(photos: Path, image, camera, folder: Path, depth: Path | None) -> Fra
     item = f"{folder}: {image.name}"
     file = file_inside(photos, image.name, item)
     size = check_photo(file)
+    if camera.model_name == "EQUIRECTANGULAR":  # pycolmap crashes when asked for its focal length
+        raise InputError(
+            f"{item}: COLMAP's EQUIRECTANGULAR pictures cannot be made pinhole; cut them up."
+        )
     intrinsics = corner_intrinsics(
         camera.focal_length_x,
         camera.focal_length_y,
@@ -111,6 +118,7 @@ def _frame(photos: Path, image, camera, folder: Path, depth: Path | None) -> Fra
         )
     cam_from_world = np.eye(4)
     cam_from_world[:3] = image.cam_from_world().matrix()
+    check_pose(cam_from_world, item)  # before it is inverted: a damaged quaternion may be all 0
     lens = None if _is_pinhole(camera) else _lens(camera, size, intrinsics)
     if depth:
         check_map(depth, "depth", size)
@@ -141,8 +149,6 @@ def _load_depth(file: Path, intrinsics: np.ndarray, lens: ColmapLens | None) -> 
 
 
 def _is_pinhole(camera) -> bool:
-    if camera.model_name == "EQUIRECTANGULAR":
-        raise InputError("COLMAP's EQUIRECTANGULAR pictures cannot be made pinhole; cut them up.")
     return camera.model_name in ("PINHOLE", "SIMPLE_PINHOLE")
 
 

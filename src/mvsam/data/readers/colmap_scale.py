@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mvsam.data.files import load_depth
+from mvsam.errors import InputError
 
 MOST_PHOTOS = 50
 FEWEST_POINTS = 50
@@ -28,6 +29,11 @@ def _ratios(model: Any, image: Any, depth: np.ndarray) -> list[float]:
     seen = [point for point in image.points2D if point.has_point3D()]
     if not seen:
         return []
+    if any(point.point3D_id not in model.points3D for point in seen):
+        raise InputError(
+            f"{image.name} sees points that the COLMAP model lacks: points3D and images are not of "
+            "one model, or damaged; copy both again."
+        )
     world = np.array([model.points3D[point.point3D_id].xyz for point in seen])
     cam_from_world = image.cam_from_world().matrix()
     z = world @ cam_from_world[2, :3] + cam_from_world[2, 3]

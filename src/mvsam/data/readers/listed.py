@@ -16,7 +16,10 @@ HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 
 class ListedScene:
-    """A `Scene` of these frames. Raises `InputError` for none, or for two of one name.
+    """A `Scene` of these frames.
+
+    Raises `InputError` for none, for two of one name, and for photos of different sizes that share
+    their intrinsics, of which some must be wrong.
 
     points: sparse points of the surfaces in world axes, in the unit of the poses.
     """
@@ -35,6 +38,7 @@ class ListedScene:
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"{name}: two frames are called {twice}; rename one.")
+        _check_shared_intrinsics(name, frames)
         self.name = name
         self.classes = classes
         self.points = points
@@ -50,6 +54,18 @@ class ListedScene:
     def views(self) -> list[tuple[int, ...]] | None:
         """The tuples the data prescribe, or None."""
         return self._views
+
+
+def _check_shared_intrinsics(scene: str, frames: Sequence[Frame]) -> None:
+    first_with: dict[bytes, Frame] = {}
+    for frame in frames:
+        other = first_with.setdefault(frame.intrinsics.tobytes(), frame)
+        if other.size != frame.size:
+            sizes = " and ".join(f"{f.name} ({f.size[0]}x{f.size[1]})" for f in (other, frame))
+            raise InputError(
+                f"{scene}: photos {sizes} differ in size but share their intrinsics; give each its "
+                "own, or resize the photos."
+            )
 
 
 def corner_intrinsics(
