@@ -64,6 +64,16 @@ def test_wrong_poses_are_named_with_the_remedy(frames, pose, remedy):
     assert remedy in verdict.sentence
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(100.0, "0.01 m"), (0.3, "3.3 m"), (3.0, "0.3 m")])
+def test_poses_in_another_unit_are_named_with_a_scale_to_give(frames, factor, unit):
+    def longer(pose: np.ndarray) -> np.ndarray:
+        return pose * np.block([[np.ones((3, 3)), np.full((3, 1), factor)], [np.ones((1, 4))]])
+
+    verdict = depth_verdict(changed(frames, longer), RANGE)
+    assert verdict.fits is False
+    assert f"another unit, of about {unit}; give --scale" in verdict.sentence
+
+
 def test_intrinsics_of_half_the_size_are_named(frames):
     halved = changed(frames, intrinsics=lambda k: k * np.array([[0.5], [0.5], [1]]))
     verdict = depth_verdict(halved, RANGE)

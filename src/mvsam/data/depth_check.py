@@ -76,6 +76,10 @@ ALL_READINGS = (
     Reading("have transposed rotations; transpose the upper left 3x3 of each", _turned_back),
     Reading("have translations in millimetres; divide them by 1000", _moved(1e-3)),
     Reading("have translations in kilometres; multiply them by 1000", _moved(1e3)),
+    *(
+        Reading(f"have another unit, of about {unit:g} m; give --scale", _moved(unit))
+        for unit in (0.01, 0.1, 0.2, 0.3, 0.45, 0.65, 1.5, 2.2, 3.3, 5.0, 10.0)
+    ),
     Reading(HALF_SIZE, size_factor=2.0),
     Reading(DOUBLE_SIZE, size_factor=0.5),
     Reading(
