@@ -41,6 +41,8 @@ log = logging.getLogger("mvsam")
 
 LAST = "last.ckpt"
 """In a run's folder: the checkpoint it goes on from."""
+WEIGHTS = "model.safetensors"
+"""There too: what it trained."""
 
 
 def train(
@@ -78,7 +80,7 @@ def train(
         trainer = _trainer(experiment, folder, device, devices, num_nodes, callbacks, progress)
         trainer.fit(module, data, ckpt_path=last, weights_only=True)
 
-    target = folder / "model.safetensors"
+    target = folder / WEIGHTS
     if trainer.is_global_zero:
         _save_weights(model, target, experiment, classes, trainer.global_step)
     return target
