@@ -3,7 +3,7 @@
     python examples/change_a_part.py --depth 3
 
 A model is made by handing built parts to `MultiViewSAM`; a part that is left out is None.
-src/mvsam/build.py holds the paper's own assemblies.
+src/mvsam/assemblies/ holds the paper's own.
 """
 
 import argparse
@@ -11,7 +11,7 @@ import argparse
 import torch
 
 import mvsam
-from mvsam.build import TINY_CHANNELS, TINY_SIDE, tiny_vit
+from mvsam.assemblies.tiny import TINY_CHANNELS, TINY_SIDE, tiny_vit
 from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.encoders.sam import SamEncoder
 from mvsam.model import MultiViewSAM

@@ -39,8 +39,8 @@ def small_model(name: str, num_classes: int = 20, seed: int = 0, **options) -> M
     """The model of that name, small, with seeded weights."""
     torch.manual_seed(seed)
     with (
-        mock.patch("mvsam.build.sam_vit_b", small_backbone),
-        mock.patch("mvsam.build.TINY_SIDE", SIDE),
+        mock.patch("mvsam.assemblies.paper.sam_vit_b", small_backbone),
+        mock.patch("mvsam.assemblies.tiny.TINY_SIDE", SIDE),
     ):
         model = build(name, num_classes, **options)
     assert isinstance(model, MultiViewSAM)

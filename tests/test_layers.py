@@ -14,7 +14,7 @@ PACKAGE = Path(mvsam.__file__).parent  # pyright: ignore[reportArgumentType]
 NETWORK = {"encoders", "mvs", "segmentation"}
 CONVOLUTION = {"convolution", "convolution_gradient"}
 BASE = {"types", "errors", "files", "kernels", "memory", "precision", "provenance"} | CONVOLUTION
-MODELS = BASE | {"geometry", "model", "build", "weights"}
+MODELS = BASE | {"geometry", "model", "assemblies", "build", "weights"}
 ALLOWED: dict[str, set[str]] = {
     "types": set(),
     "errors": set(),
@@ -32,7 +32,8 @@ ALLOWED: dict[str, set[str]] = {
     "segmentation": {"types", "geometry"},
     "model": {"types", "geometry", *NETWORK},
     "baselines": {"types", "errors", "loss_terms", "geometry", "encoders", "mvs"},
-    "build": {"types", "errors", "model", "baselines", *NETWORK},
+    "assemblies": {"types", "errors", "model", "baselines", *NETWORK},
+    "build": {"types", "errors", "assemblies", "baselines"},
     "weights": {"types", "errors", "files", "build", "model", *NETWORK},
     "rooms": {"types", "errors", "files", "geometry"},
     "data": {"types", "errors", "files", "geometry"},

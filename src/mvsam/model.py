@@ -47,7 +47,7 @@ class Features:
 class MultiViewSAM(Model):
     """The network of "Joint Depth Prediction and Semantic Segmentation with Multi-View SAM".
 
-    It is put together from built parts (`build.py`); a part that an ablation lacks is None.
+    It is put together from built parts (`assemblies/`); a part that an ablation lacks is None.
     prompt_passes_gradient: whether the segmentation loss reaches the depth through the prompt. The
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.

@@ -84,7 +84,7 @@ def test_training_takes_a_raw_scan_beside_rooms_and_keeps_its_frames(trained):
 def test_a_raw_scan_is_scored_under_every_protocol(trained, protocol, capsys):
     scans, _, weights = trained
     arguments = ["--data", str(scans), "--protocol", protocol, "--limit", "1", "--json"]
-    with mock.patch("mvsam.build.TINY_SIDE", SIDE):
+    with mock.patch("mvsam.assemblies.tiny.TINY_SIDE", SIDE):
         assert main(["eval", str(weights), *arguments, "--tuples", "mvs2d"]) == 0
     scores = json.loads(capsys.readouterr().out)
     assert scores["protocol"] == protocol and list(scores["scenes"]) == ["scene0000_00"]

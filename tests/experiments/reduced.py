@@ -21,8 +21,8 @@ def reduced(config: ModelConfig) -> Model:
     """Its first weights, seeded; SAM's encoder is small and sees 64 pixels."""
     torch.manual_seed(0)
     with (
-        mock.patch("mvsam.build.sam_vit_b", small_backbone),
-        mock.patch("mvsam.build.TINY_SIDE", SIDE),
+        mock.patch("mvsam.assemblies.paper.sam_vit_b", small_backbone),
+        mock.patch("mvsam.assemblies.tiny.TINY_SIDE", SIDE),
     ):
         model = initial_model(bare(config)).train()
     if isinstance(model, MultiViewSAM) and model.semantic_encoder is not None:

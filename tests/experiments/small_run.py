@@ -47,7 +47,7 @@ def run(folder: Path, data: Path, steps: int = 6, devices: int = 1, precision="a
 
 def drive(experiment: Experiment, folder: Path, devices: int) -> Path:
     """The real driver on the small model."""
-    with mock.patch("mvsam.build.TINY_SIDE", SIDE):
+    with mock.patch("mvsam.assemblies.tiny.TINY_SIDE", SIDE):
         return train(experiment, folder, devices, accelerator="cpu", progress=False)
 
 

@@ -129,7 +129,7 @@ def test_two_processes_give_the_gradients_and_the_scores_of_one_with_the_doubled
 
 
 def test_the_model_may_begin_with_other_weights(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("mvsam.build.TINY_SIDE", SIDE)
+    monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     given = small_model("tiny", seed=5)
     save(given, tmp_path / "given.safetensors", "tiny")
     config = replace(find_run("tiny_half").model, init=(str(tmp_path / "given.safetensors"),))
@@ -189,7 +189,7 @@ def test_the_processor_is_taken_where_it_is_asked_for_and_a_gpu_where_there_is_o
 
 def test_attention_is_written_out_on_a_processor_alone(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr("mvsam.build.TINY_SIDE", SIDE)
+    monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     for device, is_fused in (("cpu", False), ("cuda", True)):
         model = initial_model(find_run("tiny_semantic").model, device)
         assert isinstance(model, MultiViewSAM) and model.semantic_encoder is not None
@@ -198,7 +198,7 @@ def test_attention_is_written_out_on_a_processor_alone(monkeypatch):
 
 
 def test_the_last_checkpoint_is_loaded_with_the_run_s_own_record(finished: Path, monkeypatch):
-    monkeypatch.setattr("mvsam.build.TINY_SIDE", SIDE)
+    monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     model = weights.load(str(finished / "last.ckpt"))
     assert model.info.training["run"] == "small"  # pyright: ignore
     expected = load_file(finished / "model.safetensors")

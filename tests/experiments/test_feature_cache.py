@@ -12,7 +12,7 @@ from tests.small import small_backbone
 
 
 def test_a_run_on_a_frozen_encoder_may_keep_its_features(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("mvsam.build.sam_vit_b", small_backbone)
+    monkeypatch.setattr("mvsam.assemblies.paper.sam_vit_b", small_backbone)
     model = initial_model(ModelConfig("base", tuned_blocks=1, feature_cache=str(tmp_path)))
     assert isinstance(model, MultiViewSAM) and model.semantic_encoder is not None
     cache = model.semantic_encoder.feature_cache

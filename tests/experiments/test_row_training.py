@@ -159,7 +159,7 @@ def test_what_a_row_began_with_is_named_in_a_word():
 
 
 def test_the_semantic_encoder_alone_is_taken_from_other_weights(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("mvsam.build.TINY_SIDE", SIDE)
+    monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     given = small_model("tiny_semantic_gt_depth", seed=5)
     path = tmp_path / "given.safetensors"
     save(given, path, "tiny_semantic_gt_depth")

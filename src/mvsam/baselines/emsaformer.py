@@ -1,7 +1,7 @@
 """EMSAFormer (Fischedick et al., IJCNN 2023), its semantic task: one SwinV2 for RGB and depth.
 
-`build.py` puts two models together: 70,758,680 parameters with EMSANet's decoder, 52,552,924 with
-SegFormer's of 1x1 convolutions (`emsaformer_decoders.py`).
+`assemblies/published.py` puts two models together: 70,758,680 parameters with EMSANet's decoder,
+52,552,924 with SegFormer's of 1x1 convolutions (`emsaformer_decoders.py`).
 """
 
 from dataclasses import dataclass

@@ -17,31 +17,31 @@ log = logging.getLogger("mvsam")
 
 def check_settings(experiment: Experiment, num_processes: int) -> None:
     """InputError where settings contradict each other or the number of processes."""
-    if experiment.train.batch_size % num_processes:
+    run, data, batch_size = experiment.name, experiment.data, experiment.train.batch_size
+    if batch_size % num_processes:
         raise InputError(
-            f"run {experiment.name}: a batch of {experiment.train.batch_size} cannot be shared by "
-            f"{num_processes} processes; change --train.batch-size."
+            f"run {run}: a batch of {batch_size} cannot be shared by {num_processes} processes; "
+            "change --train.batch-size."
         )
-    if any(side % 32 for side in experiment.data.size):
+    if any(side % 32 for side in data.size):
         raise InputError(
-            f"run {experiment.name}: pictures of {experiment.data.size[0]}x"
-            f"{experiment.data.size[1]}; both sides of --data.size must be divisible by 32."
+            f"run {run}: pictures of {data.size[0]}x{data.size[1]}; both sides of --data.size must "
+            "be divisible by 32."
         )
-    if experiment.model.feature_cache and (experiment.data.mirror or experiment.data.color_jitter):
+    if experiment.model.feature_cache and (data.mirror or data.color_jitter):
         raise InputError(
-            f"run {experiment.name}: --model.feature-cache keeps features of pictures that come "
-            "again, and --data.mirror and --data.color-jitter change them; leave one of them out."
+            f"run {run}: --model.feature-cache keeps features of pictures that come again, and "
+            "--data.mirror and --data.color-jitter change them; leave one of them out."
         )
-    views = experiment.data.fewest_views or experiment.data.num_views
-    if experiment.data.references > views:
+    fewest = data.fewest_views or data.num_views
+    if data.references > fewest:
         raise InputError(
-            f"run {experiment.name}: {experiment.data.references} references of "
-            f"{views} views; at most every view can serve once."
+            f"run {run}: {data.references} references of {fewest} views; at most every view can "
+            "serve once."
         )
-    if views > experiment.data.num_views:
+    if fewest > data.num_views:
         raise InputError(
-            f"run {experiment.name}: fewest {views} of {experiment.data.num_views} views; lower "
-            "--data.fewest-views."
+            f"run {run}: fewest {fewest} of {data.num_views} views; lower --data.fewest-views."
         )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mvsam.experiments.results import Measured, read_measured
 from mvsam.experiments.rows import RowRun
-from mvsam.experiments.tables import TABLES
+from mvsam.experiments.tables import METHODS
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,7 @@ class Verdict:
 
 def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
     """The verdict of the results in a folder."""
-    published = _gain(
-        claim, published_score(claim.better, claim), published_score(claim.worse, claim)
-    )
+    published = published_gain(claim)
     measured: list[Measured] = []
     for name in (claim.better, claim.worse):
         row = read_measured(folder, runs[name])
@@ -79,11 +77,11 @@ def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
     return Verdict(claim, published, _gain(claim, better, worse), hypot(*known) if known else None)
 
 
+def published_gain(claim: Claim) -> float:
+    """By how much the paper's better row is better, metres or a fraction of 1."""
+    better, worse = METHODS[claim.better], METHODS[claim.worse]
+    return _gain(claim, better.published[claim.metric], worse.published[claim.metric])
+
+
 def _gain(claim: Claim, better: float, worse: float) -> float:
     return better - worse if claim.metric == "miou" else worse - better
-
-
-def published_score(run: str, claim: Claim) -> float:
-    """Of the first table that has it."""
-    rows = [row for table in TABLES.values() for row in table.rows if row.run == run]
-    return next(row.published[claim.metric] for row in rows if claim.metric in row.published)

@@ -42,6 +42,12 @@ class ModelConfig:
     MB a picture for ViT-B, 2.1 MB where none of its blocks learns. For pictures that are shown
     unchanged every time; none: compute anew every time."""
 
+    @property
+    def beginnings(self) -> tuple[str, ...]:
+        """Weights that it begins with, of the encoder first: names, files and hub ids."""
+        given = (self.semantic_encoder, self.sam_checkpoint, *self.init)
+        return tuple(path for path in given if path)
+
     def without_files(self) -> "ModelConfig":
         """The same model, to be given weights that hold all of it."""
         return replace(self, init=(), semantic_encoder=None, sam_checkpoint=None)

@@ -1,10 +1,6 @@
 """Trains an experiment: data, checkpoints, exact resume, logs, and the weights at the end."""
 
 import logging
-import signal
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +9,9 @@ from lightning import Callback, Trainer, seed_everything
 from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
-from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 from mvsam.build import build
-from mvsam.data.labels import SCANNET20
+from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.encoders.attention import use_plain_attention
 from mvsam.encoders.sam import cache_frozen_features
 from mvsam.errors import InputError
@@ -24,7 +19,8 @@ from mvsam.experiments.checks import check_model, check_settings, classes_of, wa
 from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.loaders import ExperimentData
 from mvsam.experiments.pictures import ValidationPictures
-from mvsam.experiments.stopping import SafeStop
+from mvsam.experiments.quiet import quiet_lightning
+from mvsam.experiments.stopping import SafeStop, early_end
 from mvsam.experiments.throughput import Throughput
 from mvsam.memory import keep_freed_memory
 from mvsam.precision import has_native_bfloat16
@@ -45,6 +41,8 @@ log = logging.getLogger("mvsam")
 
 LAST = "last.ckpt"
 """In a run's folder: the checkpoint it goes on from."""
+WEIGHTS = "model.safetensors"
+"""There too: what it trained."""
 
 
 def train(
@@ -62,72 +60,45 @@ def train(
     on several nodes start the same command on each with the variables Lightning reads
     (MASTER_ADDR, NODE_RANK, ...).
     """
-    check_settings(experiment, devices * num_nodes)
+    num_processes = devices * num_nodes
+    check_settings(experiment, num_processes)
     device = device_of(accelerator)
-    seed_everything(experiment.train.seed, workers=True, verbose=False)
+    _prepare_process(experiment.train.seed, device, devices)
+    classes = classes_of(experiment)
+    experiment = _with_num_classes(experiment, len(classes))
+    last = _checkpoint_to_resume(folder)
+    if last is not None:
+        warn_of_changes(experiment, folder / RUN_PAGE)
+    model = _model_of_run(experiment, device, is_resumed=last is not None)
+    rank_zero_only(experiment.save)(folder / RUN_PAGE, classes)
+
+    module = _training_module(experiment, model)
+    data = ExperimentData(experiment, num_processes)
+    stop = SafeStop(folder / LAST)
+    callbacks = [stop, Throughput(), LearningRateMonitor("step"), ValidationPictures(classes)]
+    with quiet_lightning(), early_end(stop):
+        trainer = _trainer(experiment, folder, device, devices, num_nodes, callbacks, progress)
+        trainer.fit(module, data, ckpt_path=last, weights_only=True)
+
+    target = folder / WEIGHTS
+    if trainer.is_global_zero:
+        _save_weights(model, target, experiment, classes, trainer.global_step)
+    return target
+
+
+def _prepare_process(seed: int, device: str, devices: int) -> None:
+    seed_everything(seed, workers=True, verbose=False)
     if device == "cpu":
         keep_freed_memory()
     if device == "cpu" and devices > 1:
         torch.set_num_threads(1)  # two threads in each of two processes wait for each other
-    classes = classes_of(experiment)
-    if experiment.model.num_classes is None:
-        experiment = replace(experiment, model=replace(experiment.model, num_classes=len(classes)))
-    last = _checkpoint_to_resume(folder)
-    if last is not None:
-        warn_of_changes(experiment, folder / RUN_PAGE)
-        # The checkpoint holds every weight; the files the run began with need not exist any more.
-        model = initial_model(experiment.model.without_files(), device)
-    else:
-        model = initial_model(experiment.model, device)
-    check_model(experiment, model)
-    model.semantic_size = experiment.data.semantic_size
-    rank_zero_only(experiment.save)(folder / RUN_PAGE, classes)
-    module = TrainingModule(
-        model,
-        experiment.loss,
-        experiment.optimizer,
-        experiment.data.depth_range,
-        experiment.train.singles_weight,
-    )
-    stop = SafeStop(folder / LAST)
-    callbacks = [stop, Throughput(), LearningRateMonitor("step"), ValidationPictures(classes)]
-    data = ExperimentData(experiment, devices * num_nodes)
-    with _quiet_lightning(), _early_end(stop):
-        trainer = _trainer(experiment, folder, device, devices, num_nodes, callbacks, progress)
-        trainer.fit(module, data, ckpt_path=last, weights_only=True)
-    target = folder / "model.safetensors"
-    if trainer.is_global_zero:
-        steps = trainer.global_step
-        save(
-            module.model,
-            target,
-            name=experiment.model.name,
-            depth_range=experiment.data.depth_range,
-            classes=classes.names,
-            palette=classes.colors,
-            training={
-                "run": experiment.name,
-                "steps": steps,
-                "commit": commit(),
-                "backbone_weights": model.backbone_weights,
-            },
-        )
-    return target
 
 
-@contextmanager
-def _early_end(stop: SafeStop) -> Iterator[None]:
-    """Lets `stop` hear Ctrl-C, and ends as Python does: Lightning makes a SystemExit of it."""
-    try:
-        with stop.listening():
-            yield
-    except SIGTERMException as error:
-        raise SystemExit(128 + signal.SIGTERM) from error
-    except (SystemExit, RuntimeError) as error:
-        if not stop.is_asked:
-            raise
-        # A RuntimeError: Ctrl-C ended a data worker that was just starting.
-        raise KeyboardInterrupt from error
+def _with_num_classes(experiment: Experiment, num_classes: int) -> Experiment:
+    """The experiment with its own number of classes where it has one, else with this one."""
+    if experiment.model.num_classes is not None:
+        return experiment
+    return replace(experiment, model=replace(experiment.model, num_classes=num_classes))
 
 
 def _checkpoint_to_resume(folder: Path) -> Path | None:
@@ -137,6 +108,47 @@ def _checkpoint_to_resume(folder: Path) -> Path | None:
         return None
     read_tensors(last)
     return last
+
+
+def _model_of_run(experiment: Experiment, device: str, is_resumed: bool) -> Model:
+    """What is trained; InputError where it does not fit the data.
+
+    A checkpoint holds every weight: the files a resumed run began with need not exist any more.
+    """
+    config = experiment.model.without_files() if is_resumed else experiment.model
+    model = initial_model(config, device)
+    check_model(experiment, model)
+    model.semantic_size = experiment.data.semantic_size
+    return model
+
+
+def _training_module(experiment: Experiment, model: Model) -> TrainingModule:
+    return TrainingModule(
+        model,
+        experiment.loss,
+        experiment.optimizer,
+        experiment.data.depth_range,
+        experiment.train.singles_weight,
+    )
+
+
+def _save_weights(
+    model: Model, target: Path, experiment: Experiment, classes: ClassTable, steps: int
+) -> None:
+    save(
+        model,
+        target,
+        name=experiment.model.name,
+        depth_range=experiment.data.depth_range,
+        classes=classes.names,
+        palette=classes.colors,
+        training={
+            "run": experiment.name,
+            "steps": steps,
+            "commit": commit(),
+            "backbone_weights": model.backbone_weights,
+        },
+    )
 
 
 def device_of(accelerator: str) -> str:
@@ -217,33 +229,3 @@ def _trainer(
         enable_model_summary=False,
         default_root_dir=folder,
     )
-
-
-@contextmanager
-def _quiet_lightning() -> Iterator[None]:
-    """Leaves out its advertisements, and advice that does not apply.
-
-    The stream goes on exactly where it stopped, and a folder that is not empty is how a run goes
-    on.
-    """
-    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
-    levels = [logger.level for logger in loggers]
-    with warnings.catch_warnings():
-        for text in _NEEDLESS:
-            warnings.filterwarnings("ignore", text)
-        for logger in loggers:
-            logger.setLevel(logging.WARNING)
-        try:
-            yield
-        finally:
-            for logger, level in zip(loggers, levels, strict=True):
-                logger.setLevel(level)
-
-
-_NEEDLESS = (
-    ".*does not have many workers.*",
-    ".*resuming from a checkpoint.*",
-    ".*exists and is not empty.*",
-    ".*LeafSpec.*",
-    ".*persistent_workers.*",
-)

@@ -1,8 +1,10 @@
 """Pictures for TensorBoard: what the model makes of the first validation tuple."""
 
 import torch
+from jaxtyping import Float, Int
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
+from torch import Tensor
 
 from mvsam.data.labels import ClassTable, colorize
 
@@ -35,6 +37,9 @@ class ValidationPictures(Callback):
         for logger in loggers:
             logger.experiment.add_image("val/first", picture, trainer.global_step)
 
-    def _label_picture(self, labels: torch.Tensor) -> torch.Tensor:
+    def _label_picture(
+        self, labels: Int[Tensor, "height width"]
+    ) -> Float[Tensor, "3 height width"]:
+        """In the colours of the classes, 0..1."""
         colors = colorize(labels.cpu().numpy().astype("uint8"), self.classes)
         return torch.from_numpy(colors).permute(2, 0, 1) / 255

@@ -105,15 +105,15 @@ def together(results: Sequence[Result]) -> Measured:
     """Mean and deviation of equally long trainings."""
     first = results[0]
     values = {name: [result.scores[name] for result in results] for name in METRICS}
-    has_task = {name: None not in scores for name, scores in values.items()}
+    known = {name: scores for name, scores in values.items() if None not in scores}
+    has_spread = len(results) > 1
     return Measured(
         seeds=tuple(result.seed for result in results),
         steps=first.steps,
         pictures=first.pictures,
         weights=first.weights,
-        means={name: mean(scores) if has_task[name] else None for name, scores in values.items()},
+        means={name: mean(known[name]) if name in known else None for name in METRICS},
         deviations={
-            name: stdev(scores) if has_task[name] and len(scores) > 1 else None
-            for name, scores in values.items()
+            name: stdev(known[name]) if name in known and has_spread else None for name in METRICS
         },
     )

@@ -15,7 +15,7 @@ from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import evaluate
 from mvsam.evaluation.protocols import PROTOCOLS
 from mvsam.experiments.config import Experiment, ModelConfig
-from mvsam.experiments.driver import LAST, device_of, train
+from mvsam.experiments.driver import LAST, WEIGHTS, device_of, train
 from mvsam.experiments.results import Result, read_result, result_path, write_result
 from mvsam.experiments.rows import RowRun, pictures_of
 from mvsam.experiments.runs import RUNS
@@ -34,6 +34,10 @@ class Folders:
     """A folder of checkpoints and weights for each seed of a row."""
     results: Path = Path("results/runs")
     """A JSON file for each."""
+
+    def weights(self, run: RowRun, seed: int) -> Path:
+        """What training the row with that seed leaves."""
+        return self.runs / f"{run.experiment.name}-{seed}" / WEIGHTS
 
 
 @dataclass(frozen=True)
@@ -72,14 +76,13 @@ def jobs_of(
     begins with is needed with its first seed alone.
     """
     jobs: dict[str, Job] = {}
-    for name in rows:
-        run, numbers = runs[name], range(seeds) if seeds else runs[name].seeds
-        needed = [(runs[run.row.after], (0,))] if run.row.after else []
-        for each, its_seeds in (*needed, (run, numbers)):
-            for seed in its_seeds:
-                length = steps or each.experiment.optimizer.steps
-                job = Job(each, seed, length, accelerator)
-                jobs.setdefault(job.name, job)
+    for run in (runs[name] for name in rows):
+        needed = [(run, seed) for seed in (range(seeds) if seeds else run.seeds)]
+        if run.row.after:
+            needed.insert(0, (runs[run.row.after], 0))
+        for each, seed in needed:
+            job = Job(each, seed, steps or each.experiment.optimizer.steps, accelerator)
+            jobs.setdefault(job.name, job)
     return list(jobs.values())
 
 
@@ -107,8 +110,8 @@ def train_and_score(
 ) -> Path:
     """Trains a row with one seed, or goes on with it, then scores it; returns the result's path."""
     check_beginning(job.experiment.model)
-    folder = folders.runs / job.name
-    weights, seconds = folder / "model.safetensors", None
+    weights, seconds = folders.weights(job.run, job.seed), None
+    folder = weights.parent
     if not _is_trained(weights, job.steps):
         was_begun, start = (folder / LAST).exists(), time.perf_counter()
         train(job.experiment, folder, accelerator=job.accelerator, progress=shows_training)
@@ -142,8 +145,8 @@ def train_jobs(
 
 def check_beginning(config: ModelConfig) -> None:
     """InputError where weights that the model begins with are still to be made or fetched."""
-    for path in (config.semantic_encoder, config.sam_checkpoint, *config.init):
-        if path is None or Path(path).suffix not in (".safetensors", ".pth") or Path(path).exists():
+    for path in config.beginnings:
+        if Path(path).suffix not in (".safetensors", ".pth") or Path(path).exists():
             continue
         run = Path(path).parent.name
         if path.endswith(".pth"):
@@ -205,8 +208,7 @@ def _result(job: Job, training: dict, scores: dict, seconds: float | None) -> Re
 
 def first_weights(config: ModelConfig, backbone: str) -> str:
     """What a model began with, in a few words: names of runs and files, else "random"."""
-    given = [config.semantic_encoder, config.sam_checkpoint, *config.init]
-    paths = [Path(path) for path in given if path]
+    paths = [Path(path) for path in config.beginnings]
     names = [path.parent.name if path.stem == "model" else path.stem for path in paths]
     if backbone != "random":
         names.append(backbone)

@@ -40,6 +40,20 @@ class Row:
     after: str | None = None
     """The row whose weights it begins with."""
 
+    def data_of(self, data: DataConfig) -> DataConfig:
+        """These data as the row sees them: its number of views, its recipe's augmentation."""
+        return replace(
+            data,
+            num_views=self.views,
+            mirror=self.recipe.mirror,
+            color_jitter=self.recipe.color_jitter,
+        )
+
+    @property
+    def scored_views(self) -> int:
+        """Photos of a tuple when it is scored; methods of one picture look at the first."""
+        return max(3, self.views)
+
 
 @dataclass(frozen=True)
 class RowRun:
@@ -51,7 +65,7 @@ class RowRun:
     scored_on: str
     protocol: str
     views: int
-    """Photos of a tuple when it is scored; methods of one picture look at the first."""
+    """`Row.scored_views`."""
     enough: int
     """Pictures it must have been trained on to carry a claim."""
 
@@ -141,18 +155,11 @@ def _rooms_run(row: Row, class_weights: tuple[float, ...]) -> RowRun:
     recipe = row.recipe.with_class_weights(class_weights)
     references = min(row.views, 3)
     steps = _LONG if row.is_long else _SHORT
-    data = replace(
-        _ROOMS_DATA,
-        num_views=row.views,
-        references=references,
-        mirror=recipe.mirror,
-        color_jitter=recipe.color_jitter,
-    )
     experiment = Experiment(
         name=f"{row.name}_rooms",
         about=f"Row `{row.name}` of the tables on procedural rooms; `mvsam table` has its scores.",
         model=row.rooms,
-        data=data,
+        data=replace(row.data_of(_ROOMS_DATA), references=references),
         loss=recipe.loss,
         optimizer=replace(recipe.optimizer, steps=steps),
         train=TrainConfig(
@@ -165,7 +172,7 @@ def _rooms_run(row: Row, class_weights: tuple[float, ...]) -> RowRun:
         seeds=tuple(range(row.seeds)),
         scored_on="rooms:test:0-60",
         protocol="half",
-        views=max(3, row.views),
+        views=row.scored_views,
         enough=_LONG * _PICTURES_A_STEP,
     )
 
@@ -184,14 +191,8 @@ def _scannet_run(row: Row) -> RowRun:
         about=f"Row `{row.name}` of the tables with its published settings; needs ScanNet. Not run "
         "here.",
         model=row.scannet,
-        data=DataConfig(
-            train=f"{folder}/train",
-            val=f"{folder}/val",
-            num_views=row.views,
-            mirror=recipe.mirror,
-            color_jitter=recipe.color_jitter,
-            cache="cache",
-            workers=4,
+        data=row.data_of(
+            DataConfig(train=f"{folder}/train", val=f"{folder}/val", cache="cache", workers=4)
         ),
         loss=recipe.loss,
         optimizer=replace(recipe.optimizer, steps=steps),
@@ -203,7 +204,7 @@ def _scannet_run(row: Row) -> RowRun:
         seeds=(0,),
         scored_on=f"{folder}/val",
         protocol="paper",
-        views=max(3, row.views),
+        views=row.scored_views,
         enough=steps * recipe.batch_size,
     )
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import torch
 from lightning import Callback, LightningModule, Trainer
+from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 log = logging.getLogger("mvsam")
 
@@ -77,6 +78,21 @@ class SafeStop(Callback):
             return
         if trainer.is_global_zero:
             log.warning("%s holds step %d; the same command goes on from there.", self.path, step)
+
+
+@contextmanager
+def early_end(stop: SafeStop) -> Iterator[None]:
+    """Lets `stop` hear Ctrl-C, and ends as Python does: Lightning makes a SystemExit of it."""
+    try:
+        with stop.listening():
+            yield
+    except SIGTERMException as error:
+        raise SystemExit(128 + signal.SIGTERM) from error
+    except (SystemExit, RuntimeError) as error:
+        if not stop.is_asked:
+            raise
+        # A RuntimeError: Ctrl-C ended a data worker that was just starting.
+        raise KeyboardInterrupt from error
 
 
 def _is_finite(module: LightningModule) -> bool:

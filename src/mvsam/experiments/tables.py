@@ -17,7 +17,7 @@ class TableRow:
     views: int
     modality: str
     published: dict[str, float]
-    """By metric."""
+    """By metric of the table, metres and fractions of 1."""
 
 
 @dataclass(frozen=True)
@@ -32,101 +32,148 @@ class Table:
     """What a reader must know to compare."""
 
 
-def _row(
-    method: str, run: str, views: int = 1, modality: str = "RGB", **printed: float
-) -> TableRow:
+@dataclass(frozen=True)
+class Method:
+    """What the paper says of a method, in whichever of its tables."""
+
+    views: int
+    """How many it looks at."""
+    modality: str
+    published: dict[str, float]
+    """By metric, metres and fractions of 1."""
+
+
+def _method(views: int = 1, modality: str = "RGB", **printed: float) -> Method:
     """`printed`: as in the paper, cm and percent."""
     published = {name: round(value / 100, 6) for name, value in printed.items()}
-    return TableRow(method, run, views, modality, published)
+    return Method(views, modality, published)
 
 
-_DEPTH_TABLE = Table(
-    1,
-    "Multi-view depth estimation",
-    ("abs", "rel"),
-    (
-        _row("MVS2D", "mvs2d", 3, abs=10.8, rel=5.9),
-        _row("TransMVSNet", "trans_mvsnet", 3, abs=13.2, rel=8.3),
-        _row("CasMVSNet", "cas_mvsnet", 3, abs=10.0, rel=6.0),
-        _row("Ours, MVS + UNet feat", "mvs_unet", 3, abs=9.5, rel=5.8),
-        _row("Ours, MVS + SAM feat", "mvs_sam", 3, abs=9.3, rel=5.5),
-        _row("Ours, full", "base", 3, abs=9.0, rel=5.6),
-        _row("Ours, full", "base_5_views", 5, abs=8.3, rel=5.2),
-    ),
-    "The figures published for MVS2D are those of its authors, under their own protocol.",
-)
-_MULTI_TASK_TABLE = Table(
-    2,
-    "Monocular multi-task methods",
-    ("miou", "abs", "rel", "rmse"),
-    (
-        _row("MT RefineNet", "mt_refinenet", miou=42.0, abs=32.4, rel=21.7, rmse=44.3),
-        _row("PAD Net", "pad_net", miou=42.2, abs=26.9, rel=17.4, rmse=37.8),
-        _row("MTI Net", "mti_net", miou=53.7, abs=22.4, rel=14.0, rmse=32.2),
-        _row("MTAN", "mtan", miou=56.1, abs=22.7, rel=14.6, rmse=32.6),
-        _row("Ours, 3 views", "base", 3, miou=62.5, abs=9.0, rel=5.6, rmse=14.9),
-    ),
-)
-_SEGMENTATION_TABLE = Table(
-    3,
-    "2D semantic segmentation",
-    ("miou",),
-    (
-        _row("SegNet", "segnet", miou=27.5),
-        _row("DeepLab v2", "deeplab_v2", miou=43.9),
-        _row("DeepLab v3", "deeplab_v3", miou=50.1),
-        _row("AdapNet++", "adapnet_pp", miou=53.0),
-        _row("FuseNet", "fusenet", modality="RGB-D", miou=63.8),
-        _row("EMSAFormer", "emsaformer", modality="RGB-D", miou=63.8),
-        _row("SSMA", "ssma", modality="RGB-D", miou=67.4),
-        _row("Ours", "base_official", 5, miou=62.1),
-    ),
-    "Published on ScanNet's official validation split. What the paper gives for the others looks "
-    "quoted, not trained again: their own sizes, weights and augmentation, which the measured "
-    "figures do not share.",
-)
-_ABLATION_TABLE = Table(
-    4,
-    "2D semantic segmentation ablations",
-    ("miou",),
-    (
-        _row("UNet (ResNet-34)", "unet_r34", miou=50.9),
-        _row("UNet (ResNet-50)", "unet_r50", miou=34.5),
-        _row("SAM (frozen) + conv decoder", "sam_conv", miou=27.2),
-        _row("SAM (frozen) + our decoder", "sam_frozen", miou=47.2),
-        _row("SAM (tuned) + our decoder", "sam_tuned", miou=59.0),
-        _row("Our full model", "base", 3, miou=62.5),
-        _row(
-            "SAM (frozen) + our dec. (GT depth)", "sam_frozen_gt_depth", modality="RGB-D", miou=52.4
-        ),
-        _row(
-            "SAM (tuned) + our dec. (GT depth)", "sam_tuned_gt_depth", modality="RGB-D", miou=63.4
-        ),
-    ),
-)
-_PARTS_TABLE = Table(
-    5,
-    "Model ablations",
-    ("abs", "rel", "miou"),
-    (
-        _row("CasMVSNet", "cas_mvsnet", 3, abs=10.0, rel=6.0),
-        _row("MVS + SAM features", "mvs_sam", 3, abs=9.3, rel=5.5),
-        _row("Semantic SAM (frozen)", "sam_frozen", miou=47.2),
-        _row("Semantic SAM (tuned)", "sam_tuned", miou=59.0),
-        _row("Ours, no SAM->MVS", "base_no_bridge", 3, abs=10.0, rel=6.1, miou=60.0),
-        _row("Ours, full", "base", 3, abs=9.0, rel=5.6, miou=62.5),
-    ),
-)
-TABLES = {
-    table.number: table
-    for table in (
-        _DEPTH_TABLE,
-        _MULTI_TASK_TABLE,
-        _SEGMENTATION_TABLE,
-        _ABLATION_TABLE,
-        _PARTS_TABLE,
-    )
+METHODS = {
+    "mvs2d": _method(3, abs=10.8, rel=5.9),
+    "trans_mvsnet": _method(3, abs=13.2, rel=8.3),
+    "cas_mvsnet": _method(3, abs=10.0, rel=6.0),
+    "mvs_unet": _method(3, abs=9.5, rel=5.8),
+    "mvs_sam": _method(3, abs=9.3, rel=5.5),
+    "base": _method(3, abs=9.0, rel=5.6, rmse=14.9, miou=62.5),
+    "base_5_views": _method(5, abs=8.3, rel=5.2),
+    "base_official": _method(5, miou=62.1),
+    "base_no_bridge": _method(3, abs=10.0, rel=6.1, miou=60.0),
+    "mt_refinenet": _method(miou=42.0, abs=32.4, rel=21.7, rmse=44.3),
+    "pad_net": _method(miou=42.2, abs=26.9, rel=17.4, rmse=37.8),
+    "mti_net": _method(miou=53.7, abs=22.4, rel=14.0, rmse=32.2),
+    "mtan": _method(miou=56.1, abs=22.7, rel=14.6, rmse=32.6),
+    "segnet": _method(miou=27.5),
+    "deeplab_v2": _method(miou=43.9),
+    "deeplab_v3": _method(miou=50.1),
+    "adapnet_pp": _method(miou=53.0),
+    "fusenet": _method(modality="RGB-D", miou=63.8),
+    "emsaformer": _method(modality="RGB-D", miou=63.8),
+    "ssma": _method(modality="RGB-D", miou=67.4),
+    "unet_r34": _method(miou=50.9),
+    "unet_r50": _method(miou=34.5),
+    "sam_conv": _method(miou=27.2),
+    "sam_frozen": _method(miou=47.2),
+    "sam_tuned": _method(miou=59.0),
+    "sam_frozen_gt_depth": _method(modality="RGB-D", miou=52.4),
+    "sam_tuned_gt_depth": _method(modality="RGB-D", miou=63.4),
 }
+"""By row of `experiments/rows.py`. Each figure stands here once, though tables share methods."""
+
+
+def _table(
+    number: int,
+    title: str,
+    metrics: tuple[str, ...],
+    rows: tuple[tuple[str, str], ...],
+    note: str = "",
+) -> Table:
+    """rows: the method as this table calls it, and its key in `METHODS`."""
+    return Table(number, title, metrics, tuple(_row(*row, metrics) for row in rows), note)
+
+
+def _row(label: str, run: str, metrics: tuple[str, ...]) -> TableRow:
+    method = METHODS[run]
+    published = {name: value for name, value in method.published.items() if name in metrics}
+    return TableRow(label, run, method.views, method.modality, published)
+
+
+_TABLES = (
+    _table(
+        1,
+        "Multi-view depth estimation",
+        ("abs", "rel"),
+        (
+            ("MVS2D", "mvs2d"),
+            ("TransMVSNet", "trans_mvsnet"),
+            ("CasMVSNet", "cas_mvsnet"),
+            ("Ours, MVS + UNet feat", "mvs_unet"),
+            ("Ours, MVS + SAM feat", "mvs_sam"),
+            ("Ours, full", "base"),
+            ("Ours, full", "base_5_views"),
+        ),
+        "The figures published for MVS2D are those of its authors, under their own protocol.",
+    ),
+    _table(
+        2,
+        "Monocular multi-task methods",
+        ("miou", "abs", "rel", "rmse"),
+        (
+            ("MT RefineNet", "mt_refinenet"),
+            ("PAD Net", "pad_net"),
+            ("MTI Net", "mti_net"),
+            ("MTAN", "mtan"),
+            ("Ours, 3 views", "base"),
+        ),
+    ),
+    _table(
+        3,
+        "2D semantic segmentation",
+        ("miou",),
+        (
+            ("SegNet", "segnet"),
+            ("DeepLab v2", "deeplab_v2"),
+            ("DeepLab v3", "deeplab_v3"),
+            ("AdapNet++", "adapnet_pp"),
+            ("FuseNet", "fusenet"),
+            ("EMSAFormer", "emsaformer"),
+            ("SSMA", "ssma"),
+            ("Ours", "base_official"),
+        ),
+        "Published on ScanNet's official validation split. What the paper gives for the others "
+        "looks quoted, not trained again: their own sizes, weights and augmentation, which the "
+        "measured figures do not share.",
+    ),
+    _table(
+        4,
+        "2D semantic segmentation ablations",
+        ("miou",),
+        (
+            ("UNet (ResNet-34)", "unet_r34"),
+            ("UNet (ResNet-50)", "unet_r50"),
+            ("SAM (frozen) + conv decoder", "sam_conv"),
+            ("SAM (frozen) + our decoder", "sam_frozen"),
+            ("SAM (tuned) + our decoder", "sam_tuned"),
+            ("Our full model", "base"),
+            ("SAM (frozen) + our dec. (GT depth)", "sam_frozen_gt_depth"),
+            ("SAM (tuned) + our dec. (GT depth)", "sam_tuned_gt_depth"),
+        ),
+    ),
+    _table(
+        5,
+        "Model ablations",
+        ("abs", "rel", "miou"),
+        (
+            ("CasMVSNet", "cas_mvsnet"),
+            ("MVS + SAM features", "mvs_sam"),
+            ("Semantic SAM (frozen)", "sam_frozen"),
+            ("Semantic SAM (tuned)", "sam_tuned"),
+            ("Ours, no SAM->MVS", "base_no_bridge"),
+            ("Ours, full", "base"),
+        ),
+    ),
+)
+TABLES = {table.number: table for table in _TABLES}
 
 PICTURE_ROWS = (("MTAN", "mtan"), ("CasMVSNet", "cas_mvsnet"), ("Ours", "base"))
 """Methods of Table 6, whose cells are depth maps, and their rows of `experiments/rows.py`."""

@@ -28,9 +28,10 @@ class JointLoss:
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]
     ) -> dict[str, Float[Tensor, ""]]:
-        """`loss` and its parts `depth` and `segmentation`, those the model has.
+        """`loss` and its parts `depth` (metres) and `segmentation`, those the model has.
 
-        Raises ValueError for a depth without stages, which this loss would leave untrained.
+        depth_range: metres; depth outside it teaches nothing. Raises ValueError for a depth
+        without stages, which this loss would leave untrained.
         """
         if prediction.depth is not None and not prediction.stages:
             raise ValueError("this model's depth has no stages: train it by its own method's loss")

@@ -38,7 +38,10 @@ class TrainConfig:
 
 
 class TrainingModule(LightningModule):
-    """Wraps a model for training; the reference moves over the first views of each sample."""
+    """Wraps a model for training; the reference moves over the first views of each sample.
+
+    depth_range: metres; validation counts the pixels inside it.
+    """
 
     def __init__(
         self,
@@ -64,13 +67,12 @@ class TrainingModule(LightningModule):
                 predict_references(self.model, views, len(targets)), targets, strict=True
             )
         ]
-        for name in losses[0]:
-            mean = torch.stack([parts[name] for parts in losses]).mean()
+        means = {name: torch.stack([parts[name] for parts in losses]).mean() for name in losses[0]}
+        for name, mean in means.items():
             self.log(f"train/{name}", mean, prog_bar=True)
-        loss = torch.stack([parts["loss"] for parts in losses]).mean()
         if singles is None:
-            return loss
-        return loss + self.singles_weight * self._loss_of_singles(*singles)
+            return means["loss"]
+        return means["loss"] + self.singles_weight * self._loss_of_singles(*singles)
 
     def _loss_of_singles(self, views: Views, targets: Targets) -> Tensor:
         """Of their labels alone; measured depth is the decoder's prompt."""

@@ -52,7 +52,7 @@ def collect(budget: Budget, folders: Folders) -> Pictures:
     rows = []
     for method, name in PICTURE_ROWS:
         run = BUDGETS[budget][name]
-        weights = folders.runs / f"{run.experiment.name}-0" / "model.safetensors"
+        weights = folders.weights(run, seed=0)
         measured = read_measured(folders.results, run)
         if not weights.exists():
             rows.append(PictureRow(f"{method}\nmissing", None))
