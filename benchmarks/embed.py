@@ -29,16 +29,19 @@ def main() -> None:
     parser.add_argument("--average", help="weights of an earlier run; the mean of both is embedded")
     arguments = parser.parse_args()
     model = load(arguments.run)
-    if arguments.average:
-        average_with(model, load(arguments.average))
     info = model.info
+    training = dict(info.training)
+    if arguments.average:
+        earlier = load(arguments.average)
+        average_with(model, earlier)
+        training["averaged_with"] = earlier.weights_hash
     target = ASSETS / f"{arguments.name}.safetensors"
     save(
         model,
         target,
         name=info.model,
         depth_range=info.depth_range,
-        training=info.training,
+        training=training,
         half=True,
         classes=info.classes,
         palette=info.palette,

@@ -91,8 +91,8 @@ class Rooms:
 
 
 def _rooms(data: str, assets: Path | None) -> Sequence[Scene]:
-    from mvsam.data.catalog import open_data
+    from mvsam.data.catalog import is_rooms, open_data
 
-    if not data.startswith("rooms:"):
+    if not is_rooms(data):
         raise InputError(f"{data} does not name rooms; write for example rooms:val:0-6.")
     return open_data(data, assets=None if assets is None else str(assets))

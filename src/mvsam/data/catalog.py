@@ -35,7 +35,7 @@ def open_data(
     keep them in (other data lie on a disk already). `scale` and `poses` as `open_scene`; a distance
     between two photos is that of one scene, and scenes without poses have no scale.
     """
-    if name.startswith("rooms:"):
+    if is_rooms(name):
         if parse_scale(scale) != 1.0:
             raise InputError(f"{name}: rooms are in metres; leave --scale out.")
         return _open_rooms(name, RoomStyle(room_frames, room_size, cache, assets))
@@ -52,6 +52,11 @@ def open_data(
             "one; name the scene's own folder."
         )
     return [scene for folder in folders for scene in _scenes_in(folder, format, scale)]
+
+
+def is_rooms(name: str) -> bool:
+    """Whether data are procedural rooms, not files."""
+    return name.startswith("rooms:")
 
 
 def _scenes_in(folder: Path, format: str | None, scale: float | str) -> Sequence[Scene]:

@@ -2,13 +2,12 @@
 
 import logging
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
 
-from mvsam.data.labels import SCANNET20
+from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
 
@@ -87,7 +86,7 @@ def _photo(name: str, names: list[str], scene: str) -> int:
     raise InputError(f"{scene} has no photo named {name}; it has {', '.join(close)}.")
 
 
-class ScaledScene:
+class ScaledScene(WrappedScene):
     """The same scene with poses in metres; `scale` is how many metres their unit has.
 
     Depth stays as it is: every format states its unit. Raises `InputError` for a scale that is not
@@ -97,23 +96,12 @@ class ScaledScene:
     def __init__(self, scene: Scene, scale: float):
         if not (np.isfinite(scale) and scale > 0):
             raise InputError(f"a scale of {scale:g} metres a unit is not possible; give > 0.")
-        self._scene, self._scale = scene, scale
-        self.classes = getattr(scene, "classes", SCANNET20)
-        points = getattr(scene, "points", None)
-        self.points = None if points is None else points * scale
-
-    @property
-    def name(self) -> str:
-        return self._scene.name
-
-    def __len__(self) -> int:
-        return len(self._scene)
+        super().__init__(scene)
+        self._scale = scale
+        self.points = None if self.points is None else self.points * scale
 
     def frame(self, index: int) -> Frame:
         frame = self._scene.frame(index)
         pose = frame.world_from_cam.copy()
         pose[:3, 3] *= self._scale
         return replace(frame, world_from_cam=pose)
-
-    def views(self) -> Sequence[tuple[int, ...]] | None:
-        return self._scene.views()

@@ -1,7 +1,6 @@
 """Recorded scans whose frames are kept, at the size they are trained at, in files of 32."""
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -9,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from mvsam.data.cache import CachedScene, cached_scene
-from mvsam.data.labels import SCANNET20
 from mvsam.data.transforms import (
     Size,
     area_resize,
@@ -17,12 +15,13 @@ from mvsam.data.transforms import (
     resize_intrinsics,
     resize_nearest,
 )
+from mvsam.data.wrapped import WrappedScene
 from mvsam.types import Frame, Scene
 
 SHARD_FRAMES = 32
 
 
-class ShardedScene:
+class ShardedScene(WrappedScene):
     """A scene resized to `size`; a shard is written when the first of its frames is asked for.
 
     A scan's photos are four times as large as what is trained on, and take longer to decode than to
@@ -35,18 +34,8 @@ class ShardedScene:
     """
 
     def __init__(self, scene: Scene, folder: Path, size: Size, crop: bool = False):
-        self._scene, self._folder, self._size, self._crop = scene, folder, size, crop
-        self.classes = getattr(scene, "classes", SCANNET20)
-
-    @property
-    def name(self) -> str:
-        return self._scene.name
-
-    def __len__(self) -> int:
-        return len(self._scene)
-
-    def views(self) -> Sequence[tuple[int, ...]] | None:
-        return self._scene.views()
+        super().__init__(scene)
+        self._folder, self._size, self._crop = folder, size, crop
 
     def frame(self, index: int) -> Frame:
         frame = self._resized(index)

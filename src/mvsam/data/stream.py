@@ -11,7 +11,7 @@ import numpy as np
 from torch.utils.data import Dataset, Sampler
 
 from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
-from mvsam.data.catalog import RoomScenes, open_data
+from mvsam.data.catalog import is_rooms, open_data
 from mvsam.data.dataset import collate, make_targets, make_views
 from mvsam.data.mixture import Mixture, parse_sources
 from mvsam.data.name_lists import read_names
@@ -92,7 +92,7 @@ class DataConfig:
 
     def of_scans(self, name: str) -> dict[str, Any]:
         """What `open_data` is told of a source that is no rooms."""
-        return {} if name.startswith("rooms:") else {"format": self.format, "scale": self.scale}
+        return {} if is_rooms(name) else {"format": self.format, "scale": self.scale}
 
 
 class TrainingSample(NamedTuple):
@@ -177,7 +177,7 @@ def _open_source(name: str, config: DataConfig) -> Sequence[Scene]:
         assets=config.assets,
         **config.of_scans(name),
     )
-    if isinstance(scenes, RoomScenes):
+    if is_rooms(name):
         return scenes
     if config.tuples is not None:
         scenes = prescribe(scenes, config.tuples, config.num_views, config.depth_range)

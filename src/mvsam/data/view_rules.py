@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mvsam.data.keyframes import keyframes
-from mvsam.data.labels import SCANNET20
 from mvsam.data.sampling import DepthRange, ViewTuple, rank_sources
 from mvsam.data.splits import read_tuples
+from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError
-from mvsam.types import Frame, Scene
+from mvsam.types import Scene
 
 FRAME_STEP = 20
 """MVS2D's: neighbouring views are so many frames of the recording apart."""
@@ -18,22 +18,12 @@ BENCHMARK_STEP = 100
 RULES = ("mvs2d", "every-100", "keyframes")
 
 
-class PrescribedScene:
+class PrescribedScene(WrappedScene):
     """A scene with view tuples from elsewhere."""
 
     def __init__(self, scene: Scene, tuples: list[ViewTuple]):
-        self._scene, self._tuples = scene, tuples
-        self.classes = getattr(scene, "classes", SCANNET20)
-
-    @property
-    def name(self) -> str:
-        return self._scene.name
-
-    def __len__(self) -> int:
-        return len(self._scene)
-
-    def frame(self, index: int) -> Frame:
-        return self._scene.frame(index)
+        super().__init__(scene)
+        self._tuples = tuples
 
     def views(self) -> list[ViewTuple]:
         return self._tuples

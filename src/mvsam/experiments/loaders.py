@@ -6,7 +6,7 @@ from math import ceil
 from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
-from mvsam.data.catalog import open_data
+from mvsam.data.catalog import is_rooms, open_data
 from mvsam.data.dataset import TupleDataset, collate
 from mvsam.data.stream import Onward, SampleStream, collate_training
 from mvsam.data.view_rules import RULES, prescribe
@@ -41,7 +41,7 @@ class ExperimentData(LightningDataModule):
         data = self.experiment.data
         assert self.trainer is not None
         scenes = open_data(data.val, cache=data.cache, **data.of_scans(data.val))
-        if data.tuples in RULES and not data.val.startswith("rooms:"):
+        if data.tuples in RULES and not is_rooms(data.val):
             scenes = prescribe(scenes, data.tuples, data.num_views, data.depth_range)
         share = share_of_scenes(len(scenes), self.trainer.global_rank, self.num_processes)
         tuples = TupleDataset(

@@ -53,8 +53,8 @@ _SEMANTIC = "runs/tiny_semantic/model.safetensors"
 
 _TINY_HALF = Experiment(
     name="tiny_half",
-    about="Second stage of `tiny`: half-size pictures, all three views as reference in turn; the "
-    "semantic half begins with `tiny_semantic`.",
+    about="`tiny` on half-size pictures, all three views as reference in turn, beside which two "
+    "runs leave a part out; the semantic half begins with `tiny_semantic`, all else with nothing.",
     model=ModelConfig("tiny", init=(_SEMANTIC,)),
     data=_HALF,
     loss=_LOSS,
@@ -67,7 +67,7 @@ _RUNS = (
         name="tiny_semantic",
         about="First stage of `tiny`: its semantic half on single pictures, prompted with true "
         "depth, in place of SAM's pre-training.",
-        model=ModelConfig("tiny_semantic_gt_depth"),
+        model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
         data=_SINGLE,
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=6e-4, steps=2000, gradient_clip=1.0, schedule=OneCycle()),
@@ -76,7 +76,8 @@ _RUNS = (
     _TINY_HALF,
     Experiment(
         name="tiny",
-        about="Third stage of `tiny`, at the size it is used at.",
+        about="Second stage of `tiny`, at the size it is used at; its depth goes on from the "
+        "weights that come with the package.",
         model=ModelConfig("tiny", init=("tiny", _SEMANTIC)),
         data=_FULL,
         loss=_LOSS,
