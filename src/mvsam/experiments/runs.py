@@ -50,6 +50,7 @@ _CLASS_WEIGHTS = (
 _LOSS = JointLoss(class_weights=_CLASS_WEIGHTS)
 
 _SEMANTIC = "runs/tiny_semantic/model.safetensors"
+_SEMANTIC_FULL = "runs/tiny_semantic_full/model.safetensors"
 
 _TINY_HALF = Experiment(
     name="tiny_half",
@@ -73,12 +74,21 @@ _RUNS = (
         optimizer=OptimizerConfig(lr=6e-4, steps=2000, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, val_every=400, checkpoint_every=100),
     ),
+    Experiment(
+        name="tiny_semantic_full",
+        about="Second stage of `tiny`: its semantic half at the size it is used at, on more rooms.",
+        model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
+        data=replace(_ROOMS, train="rooms:train:0-6000", num_views=1, references=1),
+        loss=_LOSS,
+        optimizer=OptimizerConfig(lr=6e-4, steps=2000, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=8, val_every=250, checkpoint_every=50),
+    ),
     _TINY_HALF,
     Experiment(
         name="tiny",
-        about="Second stage of `tiny`, at the size it is used at; its depth goes on from the "
+        about="Third stage of `tiny`, at the size it is used at; its depth goes on from the "
         "weights that come with the package.",
-        model=ModelConfig("tiny", init=("tiny", _SEMANTIC)),
+        model=ModelConfig("tiny", init=("tiny", _SEMANTIC_FULL)),
         data=_FULL,
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=4e-4, steps=170, gradient_clip=1.0, schedule=OneCycle()),
