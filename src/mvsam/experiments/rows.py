@@ -138,9 +138,9 @@ _ROWS = (
     _with_sam("base_no_bridge", "base_no_bridge", "tiny_no_bridge", 3, views=3),
 )
 
-_ROOMS_DATA = DataConfig(train="rooms:train:10000-10400", size=(160, 128), cache="cache/rooms")
+_ROOMS_DATA = DataConfig(train="rooms:train:10000-10800", size=(160, 128), cache="cache/rooms")
 """Five frames a room. SAM sees the same small pictures as all others, enlarged."""
-_LONG, _SHORT = 160, 25
+_LONG, _SHORT = 400, 25
 _PICTURES_A_STEP = 12
 """Of one view twelve rooms, of several four with three references each."""
 
@@ -163,7 +163,7 @@ def _rooms_run(row: Row, class_weights: tuple[float, ...]) -> RowRun:
         loss=recipe.loss,
         optimizer=replace(recipe.optimizer, steps=steps),
         train=TrainConfig(
-            batch_size=_PICTURES_A_STEP // references, val_every=steps, checkpoint_every=20
+            batch_size=_PICTURES_A_STEP // references, val_every=steps, checkpoint_every=25
         ),
     )
     return RowRun(
