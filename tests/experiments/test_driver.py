@@ -132,7 +132,7 @@ def test_the_model_may_begin_with_other_weights(tmp_path: Path, monkeypatch):
     monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     given = small_model("tiny", seed=5)
     save(given, tmp_path / "given.safetensors", "tiny")
-    config = replace(find_run("tiny_half").model, init=(str(tmp_path / "given.safetensors"),))
+    config = replace(find_run("tiny").model, init=(str(tmp_path / "given.safetensors"),))
     state = initial_model(config).state_dict()
     assert all(torch.equal(state[key], value) for key, value in given.state_dict().items())
 

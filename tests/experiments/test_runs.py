@@ -69,8 +69,8 @@ def test_every_run_says_what_it_is_for_and_is_filed_under_its_name(name: str):
 
 
 def test_ablations_differ_from_their_model_in_the_assembly_alone():
-    whole = find_run("tiny_half")
-    for name in ("tiny_no_bridge_half", "cas_mvsnet_half"):
+    whole = find_run("base_rooms")
+    for name in ("base_no_bridge_rooms", "cas_mvsnet_rooms", "mvs_sam_rooms"):
         other = find_run(name)
         assert (other.data, other.optimizer, other.loss, other.train) == (
             whole.data,

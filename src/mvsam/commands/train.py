@@ -24,7 +24,7 @@ class Train:
     Every setting of the run can be changed, as --optimizer.lr 1e-4;
     mvsam train RUN --help lists them with their values in that run.
 
-    Example: mvsam train tiny_half --out runs/mine --optimizer.steps 500
+    Example: mvsam train tiny --out runs/mine --optimizer.steps 500
 
     On your own scenes: mvsam train tiny --data my_scenes --init tiny --out runs/my_scenes
     """

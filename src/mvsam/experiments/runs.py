@@ -18,8 +18,6 @@ _ROOMS = DataConfig(
     color_jitter=0.2,
     cache="cache/rooms",
 )
-_HALF = replace(_ROOMS, size=(160, 128), semantic_size=(320, 256))
-"""SAM sees the pictures at full size, which costs it nothing, and all else is half as large."""
 _FULL = replace(
     _ROOMS,
     train="0.5 @ rooms:train:0-2500 + 0.5 @ rooms:wide:0-800",
@@ -29,7 +27,7 @@ _FULL = replace(
 )
 """One reference a sample: at full size the cascade costs most, and other rooms teach more. Half of
 the views lie as those of real photos, which share half as much as a video's."""
-_SINGLE = replace(_HALF, num_views=1, references=1)
+_SINGLE = replace(_ROOMS, num_views=1, references=1)
 """A picture of the three of each room: kept rooms cost nothing the second time, and a picture costs
 twice as much to render as to learn from."""
 
@@ -52,24 +50,13 @@ _LOSS = JointLoss(class_weights=_CLASS_WEIGHTS)
 _SEMANTIC = "runs/tiny_semantic/model.safetensors"
 _SEMANTIC_FULL = "runs/tiny_semantic_full/model.safetensors"
 
-_TINY_HALF = Experiment(
-    name="tiny_half",
-    about="`tiny` on half-size pictures, all three views as reference in turn, beside which two "
-    "runs leave a part out; the semantic half begins with `tiny_semantic`, all else with nothing.",
-    model=ModelConfig("tiny", init=(_SEMANTIC,)),
-    data=_HALF,
-    loss=_LOSS,
-    optimizer=OptimizerConfig(lr=6e-4, steps=300, gradient_clip=1.0, schedule=OneCycle()),
-    train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
-)
-
 _RUNS = (
     Experiment(
         name="tiny_semantic",
         about="First stage of `tiny`: its semantic half on single pictures, prompted with true "
-        "depth, in place of SAM's pre-training.",
+        "depth, in place of SAM's pre-training. SAM sees them at full size, all else at half.",
         model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
-        data=_SINGLE,
+        data=replace(_SINGLE, size=(160, 128), semantic_size=(320, 256)),
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=6e-4, steps=2000, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, val_every=400, checkpoint_every=100),
@@ -78,12 +65,11 @@ _RUNS = (
         name="tiny_semantic_full",
         about="Second stage of `tiny`: its semantic half at the size it is used at, on more rooms.",
         model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
-        data=replace(_ROOMS, train="rooms:train:0-6000", num_views=1, references=1),
+        data=replace(_SINGLE, train="rooms:train:0-6000"),
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=6e-4, steps=2000, gradient_clip=1.0, schedule=OneCycle()),
+        optimizer=OptimizerConfig(lr=6e-4, steps=1500, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, val_every=250, checkpoint_every=50),
     ),
-    _TINY_HALF,
     Experiment(
         name="tiny",
         about="Third stage of `tiny`, at the size it is used at; its depth goes on from the "
@@ -103,18 +89,6 @@ _RUNS = (
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=3e-4, steps=600, gradient_clip=1.0),
         train=TrainConfig(batch_size=4, val_every=150, checkpoint_every=20, singles_weight=2.0),
-    ),
-    replace(
-        _TINY_HALF,
-        name="tiny_no_bridge_half",
-        about="`tiny_half` without its SAM->MVS bridge, at equal steps.",
-        model=ModelConfig("tiny_no_bridge", init=(_SEMANTIC,)),
-    ),
-    replace(
-        _TINY_HALF,
-        name="cas_mvsnet_half",
-        about="CasMVSNet on the samples of `tiny_half`, at equal steps.",
-        model=ModelConfig("cas_mvsnet"),
     ),
 )
 BUDGETS: dict[Budget, dict[str, RowRun]] = {
