@@ -63,11 +63,11 @@ _RUNS = (
     ),
     Experiment(
         name="tiny_semantic_full",
-        about="Second stage of `tiny`: its semantic half at the size it is used at, on more rooms.",
+        about="Second stage of `tiny`: its semantic half at the size it is used at.",
         model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
-        data=replace(_SINGLE, train="rooms:train:0-6000"),
+        data=_SINGLE,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=6e-4, steps=1500, gradient_clip=1.0, schedule=OneCycle()),
+        optimizer=OptimizerConfig(lr=6e-4, steps=1000, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, val_every=250, checkpoint_every=50),
     ),
     Experiment(
@@ -77,8 +77,8 @@ _RUNS = (
         model=ModelConfig("tiny", init=("tiny", _SEMANTIC_FULL)),
         data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=170, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=4, val_every=85, checkpoint_every=20),
+        optimizer=OptimizerConfig(lr=4e-4, steps=100, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
         name="tiny_nyu",
