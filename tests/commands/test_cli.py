@@ -11,6 +11,7 @@ from mvsam import weights
 from mvsam.build import MODELS
 from mvsam.cli import main
 from mvsam.files import DiskFullError
+from tests.data.readers.test_scannet import write_raw
 from tests.inference.fake_model import FakeModel
 from tests.synthetic import write_posed_folder
 
@@ -238,6 +239,15 @@ def test_data_check_tells_what_is_wrong_and_convert_writes_another_form(tmp_path
     assert main(["data", "convert", str(folder), "--out", str(out), "--to", "nerfstudio"]) == 0
     assert len(json.loads((out / "transforms.json").read_text())["frames"]) == 5
     assert main(["data", "convert", str(folder), "--out", str(folder)]) == 2
+
+
+def test_data_check_counts_the_frames_that_lost_tracking(tmp_path: Path, capsys):
+    write_raw(tmp_path / "scan", lost=1)
+    assert main(["data", "check", str(tmp_path / "scan")]) == 0
+    assert "2 photos of 64x48, 1 more have no pose" in capsys.readouterr().out
+    assert main(["data", "check", str(tmp_path / "scan"), "--scale", "2", "--json"]) == 0
+    (report,) = json.loads(capsys.readouterr().out)
+    assert (report["num_frames"], report["num_lost"]) == (2, 1)
 
 
 def test_a_measured_distance_scales_the_cameras_that_predict_writes(room, tmp_path, model, capsys):

@@ -24,6 +24,7 @@ def test_an_export_reads_as_the_scan_itself(scan, tmp_path):
     )
     before, after = open_scene(scan), open_scene(tmp_path / "out/scene0000_00")
     assert len(after) == len(before) == 2
+    assert [getattr(scene, "num_lost", 0) for scene in (before, after)] == [1, 1]
     for index in range(2):
         first, second = before.frame(index), after.frame(index)
         assert int(first.name) == int(second.name)

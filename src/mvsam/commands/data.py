@@ -153,7 +153,8 @@ class Data:
 
 def _as_text(report: SceneReport) -> str:
     sizes = ", ".join(f"{width}x{height}" for width, height in report.sizes)
-    lines = [f"{report.name}: {report.num_frames} photos of {sizes}"]
+    lost = f", {report.num_lost} more have no pose" if report.num_lost else ""
+    lines = [f"{report.name}: {report.num_frames} photos of {sizes}{lost}"]
     if report.baselines:
         lines.append(
             "  nearest camera   {:.2f} / {:.2f} / {:.2f} m away, ".format(*report.baselines)

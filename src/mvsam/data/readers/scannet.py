@@ -5,7 +5,6 @@ pictures hold NYU40 ids already.
 """
 
 import io
-import logging
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -26,8 +25,6 @@ from mvsam.types import Frame
 
 _LARGEST_LABEL_PICTURE = 64 * 2**20
 
-log = logging.getLogger("mvsam")
-
 
 def is_sens(path: Path) -> bool:
     return next(path.glob("*.sens"), None) is not None
@@ -43,14 +40,11 @@ def open_sens(path: Path) -> ListedScene:
         raise InputError(f"{path}: holds {len(files)} .sens files; keep one scan a folder.")
     scan = SensFile(files[0])
     tracked = [i for i, f in enumerate(scan.frames) if np.isfinite(f.world_from_cam).all()]
-    if len(tracked) < len(scan.frames):
-        lost = len(scan.frames) - len(tracked)
-        log.warning("%s: %d frames without tracking are left out.", path, lost)
     labels = _zipped_labels(path, scan.header.color_size)
     frames = [
         checked(scan.frame(i, load_labels=labels.get(i)), f"{files[0]} frame {i}") for i in tracked
     ]
-    return ListedScene(files[0].stem, frames)
+    return ListedScene(files[0].stem, frames, num_lost=len(scan.frames) - len(frames))
 
 
 def is_scannet_folder(path: Path) -> bool:
@@ -63,7 +57,9 @@ def open_scannet_folder(path: Path) -> ListedScene:
     A `views.txt`, as in a posed folder, says which frames are seen together.
     """
     photos = sorted(numbered_files(path / "color", (".jpg", ".png")).items())
-    poses = numbered_files(path / "pose", (".txt",))
+    files = numbered_files(path / "pose", (".txt",))
+    poses = {number: load_matrix(file, 4, 4, "pose") for number, file in files.items()}
+    lost = {number for number, pose in poses.items() if not np.isfinite(pose).all()}
     depths = numbered_files(path / "depth", (".png",))
     label_folder = path / "label-filt" if (path / "label-filt").is_dir() else path / "label"
     labels = numbered_files(label_folder, (".png",))
@@ -72,8 +68,7 @@ def open_scannet_folder(path: Path) -> ListedScene:
     for number, photo in photos:
         if number not in poses:
             raise InputError(f"{photo}: has no pose/{photo.stem}.txt; export the scan again.")
-        pose = load_matrix(poses[number], 4, 4, "pose")
-        if not np.isfinite(pose).all():
+        if number in lost:
             continue
         size = check_photo(photo)
         depth_file, label_file = depths.get(number), labels.get(number)
@@ -81,7 +76,7 @@ def open_scannet_folder(path: Path) -> ListedScene:
             name=photo.stem,
             size=size,
             intrinsics=color.copy(),
-            world_from_cam=pose,
+            world_from_cam=poses[number],
             load_image=partial(load_photo, photo),
             load_depth=(
                 partial(_load_depth, depth_file, depth, color, size)
@@ -91,12 +86,9 @@ def open_scannet_folder(path: Path) -> ListedScene:
             load_labels=partial(_load_labels, label_file, size) if label_file else None,
         )
         frames.append(checked(frame, photo))
-    if len(frames) < len(photos):
-        lost = len(photos) - len(frames)
-        log.warning("%s: %d frames without tracking are left out.", path, lost)
     file = path / "views.txt"
     views = read_view_tuples(file, [f.name for f in frames]) if file.exists() else None
-    return ListedScene(path.resolve().name, frames, views)
+    return ListedScene(path.resolve().name, frames, views, num_lost=len(lost))
 
 
 def _matrix(path: Path, camera: str) -> Float[np.ndarray, "3 3"]:
