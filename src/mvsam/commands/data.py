@@ -123,7 +123,7 @@ class ScanNet:
             raise InputError(f"--every {self.every} writes no frame; give 1 or more.")
         scans = find_scans(self.scans)
         writable_folder(self.out)
-        copy_table(scans[0], self.out)
+        copy_table(scans, self.out)
         with progress_bar() as progress:
             for scan in scans:
                 folder = self.out / scan.name

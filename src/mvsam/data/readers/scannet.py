@@ -5,7 +5,6 @@ pictures hold NYU40 ids already.
 """
 
 import io
-import zipfile
 from functools import partial
 from pathlib import Path
 
@@ -13,17 +12,24 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image
 
-from mvsam.data.files import check_photo, load_depth, load_matrix, load_photo, load_pixels
+from mvsam.data.files import (
+    DEPTH_MODES,
+    check_photo,
+    load_depth,
+    load_matrix,
+    load_photo,
+    load_pixels,
+    read_header,
+)
 from mvsam.data.nyu40 import find_tsv, from_nyu40, from_raw
 from mvsam.data.posed_folder import read_view_tuples
+from mvsam.data.readers.label_zip import list_labels, read_label
 from mvsam.data.readers.listed import HALF_PIXEL, ListedScene, checked, numbered_files
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.register import read_at_pixels
 from mvsam.data.transforms import resize_nearest
 from mvsam.errors import InputError
 from mvsam.types import Frame
-
-_LARGEST_LABEL_PICTURE = 64 * 2**20
 
 
 def is_sens(path: Path) -> bool:
@@ -63,6 +69,7 @@ def open_scannet_folder(path: Path) -> ListedScene:
     depths = numbered_files(path / "depth", (".png",))
     label_folder = path / "label-filt" if (path / "label-filt").is_dir() else path / "label"
     labels = numbered_files(label_folder, (".png",))
+    _check_table(path, labels)
     color, depth = _matrix(path, "color"), _matrix(path, "depth") if depths else None
     frames = []
     for number, photo in photos:
@@ -83,12 +90,18 @@ def open_scannet_folder(path: Path) -> ListedScene:
                 if depth_file and depth is not None
                 else None
             ),
-            load_labels=partial(_load_labels, label_file, size) if label_file else None,
+            load_labels=partial(_load_labels, label_file, path, size) if label_file else None,
         )
         frames.append(checked(frame, photo))
     file = path / "views.txt"
     views = read_view_tuples(file, [f.name for f in frames]) if file.exists() else None
     return ListedScene(path.resolve().name, frames, views, num_lost=len(lost))
+
+
+def _check_table(path: Path, labels: dict[int, Path]) -> None:
+    """InputError where the labels are raw ids, as the first tells, and their table is missing."""
+    if labels and read_header(next(iter(labels.values())), "label map")[1] in DEPTH_MODES:
+        find_tsv(path)
 
 
 def _matrix(path: Path, camera: str) -> Float[np.ndarray, "3 3"]:
@@ -108,8 +121,10 @@ def _load_depth(
     return read_at_pixels(load_depth(file), depth_intrinsics, intrinsics, size)
 
 
-def _load_labels(file: Path, size: tuple[int, int]) -> UInt8[np.ndarray, "height width"]:
-    return _to_classes(load_pixels(file, "label map"), file.parent, size, str(file))
+def _load_labels(
+    file: Path, path: Path, size: tuple[int, int]
+) -> UInt8[np.ndarray, "height width"]:
+    return _to_classes(load_pixels(file, "label map"), path, size, str(file))
 
 
 def _to_classes(
@@ -127,28 +142,19 @@ def _zipped_labels(path: Path, size: tuple[int, int]) -> dict:
     if not archives:
         return {}
     find_tsv(path)  # now, not in the middle of a run
-    try:
-        with zipfile.ZipFile(archives[0]) as archive:
-            members = [m for m in archive.infolist() if m.filename.lower().endswith(".png")]
-    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise InputError(f"{archives[0]}: cannot be read ({error}); download it again.") from error
-    by_number = {Path(m.filename).stem: m for m in members}
     return {
-        int(stem): partial(_load_zipped, archives[0], member.filename, size)
-        for stem, member in by_number.items()
-        if stem.isdecimal()
+        number: partial(_load_zipped, archives[0], name, size)
+        for number, name in list_labels(archives[0]).items()
     }
 
 
 def _load_zipped(
-    archive: Path, member: str, size: tuple[int, int]
+    archive: Path, name: str, size: tuple[int, int]
 ) -> UInt8[np.ndarray, "height width"]:
-    item = f"{archive}: {member}"
+    data, item = read_label(archive, name), f"{archive}: {name}"
     try:
-        with zipfile.ZipFile(archive) as file, file.open(member) as stream:
-            data = stream.read(_LARGEST_LABEL_PICTURE)
         with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
             ids = np.array(picture)
-    except Exception as error:  # zipfile and Pillow raise many kinds for damaged data
+    except Exception as error:  # Pillow raises many kinds for damaged data
         raise InputError(f"{item} cannot be read ({error}); download it again.") from error
     return _to_classes(ids, archive.parent, size, item)
