@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from torch.utils.data import Dataset, Sampler
 from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
 from mvsam.data.catalog import is_rooms, open_data
 from mvsam.data.dataset import collate, make_targets, make_views
+from mvsam.data.lazy import changed
 from mvsam.data.mixture import Mixture, parse_sources
 from mvsam.data.name_lists import read_names
 from mvsam.data.readers.single_views import SingleViews
@@ -185,7 +186,7 @@ def _open_source(name: str, config: DataConfig) -> Sequence[Scene]:
         return scenes
     width, height = size
     folder = Path(config.cache) / f"scans-{width}x{height}"
-    return [ShardedScene(scene, folder, size, config.crop) for scene in scenes]
+    return changed(scenes, partial(ShardedScene, folder=folder, size=size, crop=config.crop))
 
 
 class SingleStream(Dataset[tuple[Views, Targets]]):
