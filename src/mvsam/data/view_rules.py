@@ -5,9 +5,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from mvsam.data.depth_range import DepthRangeOrAuto, estimate_depth_range
 from mvsam.data.keyframes import keyframes
 from mvsam.data.lazy import LazyScenes, changed
-from mvsam.data.sampling import DepthRange, ViewTuple, rank_sources
+from mvsam.data.sampling import ViewTuple, rank_sources
 from mvsam.data.splits import read_tuples
 from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError
@@ -32,7 +33,7 @@ class PrescribedScene(WrappedScene):
 
 
 def prescribe(
-    scenes: Sequence[Scene], rule: str, num_views: int, depth_range: DepthRange
+    scenes: Sequence[Scene], rule: str, num_views: int, depth_range: DepthRangeOrAuto
 ) -> LazyScenes:
     """The scenes with the tuples of a rule of `RULES`, or of a file (MVS2D's .npy, or text).
 
@@ -99,9 +100,11 @@ def frame_numbers(scene: Scene) -> list[int]:
     return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
 
 
-def keyframe_tuples(scene: Scene, num_views: int, depth_range: DepthRange) -> list[ViewTuple]:
+def keyframe_tuples(scene: Scene, num_views: int, depth_range: DepthRangeOrAuto) -> list[ViewTuple]:
     """The keyframes as references, each with the best sources among the others."""
     frames = [scene.frame(index) for index in range(len(scene))]
+    if depth_range == "auto":
+        depth_range = estimate_depth_range(frames, getattr(scene, "points", None))
     kept = keyframes([frame.world_from_cam for frame in frames])
     tuples, _ = rank_sources([frames[i] for i in kept], depth_range, num_views)
     return [tuple(kept[i] for i in views) for views in tuples]
