@@ -1,6 +1,6 @@
 """Many scenes of which few are open: a whole ScanNet would fill the memory with poses."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import overload
 
@@ -10,7 +10,7 @@ MOST_OPEN = 256
 """Scenes; a ScanNet scan has about 4 MB of poses and file places, and opens in 0.4 s."""
 
 
-class LazyScenes(Sequence[Scene]):
+class LazyScenes(Sequence):  # not Sequence[Scene], for which runtime type checks open some
     """Scenes that are opened when they are asked for, of which the last used stay open."""
 
     def __init__(self, openers: Sequence[Callable[[], Scene]]):
@@ -20,6 +20,9 @@ class LazyScenes(Sequence[Scene]):
 
     def __len__(self) -> int:
         return len(self._openers)
+
+    def __iter__(self) -> Iterator[Scene]:
+        return (self[index] for index in range(len(self)))
 
     @overload
     def __getitem__(self, position: int) -> Scene: ...
