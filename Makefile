@@ -18,7 +18,7 @@ test: $(INSTALLED)  ## everything that needs minutes, not more
 test-slow: $(INSTALLED)  ## full-size models
 	OMP_NUM_THREADS= $(BIN)/pytest -m slow
 
-fuzz: $(INSTALLED)  ## made-up binary files for 5 minutes a reader; TARGETS="sens split" SECONDS=60
+fuzz: $(INSTALLED)  ## made-up files for 5 minutes a reader; TARGETS="sens split" SECONDS=60
 	$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/python -m pip install --quiet \
 		--disable-pip-version-check --constraint constraints.txt --editable '.[fuzz]'
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz $(TARGETS) --seconds $(or $(SECONDS),300)

@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of everything that reads binary files; needs Linux and `mvsam[fuzz]`.
+"""Coverage-guided fuzzing of readers of binary and small text files; needs Linux, `mvsam[fuzz]`.
 
     python -m tests.fuzz sens split --seconds 300           made-up files until the time is over
     python -m tests.fuzz sens --again found/sens/crash-1f2e  what was found, once more
@@ -46,7 +46,7 @@ with atheris.instrument_imports(include=["mvsam", "PIL", "zipfile"]):  # pyright
     from mvsam.data.formats import FORMATS
     from mvsam.data.splits import read_tuples
 
-from tests.data.readers.layouts import LAYOUTS, Listed
+from tests.data.readers.layouts import LAYOUTS, Listed, write_views_and_classes
 from tests.synthetic import synthetic_views
 
 logging.disable()
@@ -83,11 +83,20 @@ def small_frames() -> list[Frame]:
 
 
 def scene_file(format: str, file: str, mend: Callable[[bytes], bytes] = bytes) -> Target:
+    def prepare(folder: Path) -> None:
+        LAYOUTS[format].write(small_frames(), folder)
+        if format == "posed-folder":
+            write_views_and_classes(folder)
+
+    return Target(file, prepare, lambda folder: read_scene(FORMATS[format].open(folder)), mend)
+
+
+def arkit_file(name: str) -> Target:
+    """Of a scene in a folder in the folder, because the scene's name is that of its files."""
     return Target(
-        file,
-        lambda folder: LAYOUTS[format].write(small_frames(), folder),
-        lambda folder: read_scene(FORMATS[format].open(folder)),
-        mend,
+        f"42/42_frames/{name}",
+        lambda folder: LAYOUTS["arkitscenes"].write(small_frames(), folder / "42"),
+        lambda folder: read_scene(FORMATS["arkitscenes"].open(folder / "42")),
     )
 
 
@@ -159,6 +168,10 @@ TARGETS = {
     "photo": scene_file("posed-folder", "color/0000.png", with_right_checksums),
     "depth": scene_file("posed-folder", "depth/0000.png", with_right_checksums),
     "labels": scene_file("posed-folder", "labels/0000.png", with_right_checksums),
+    "views": scene_file("posed-folder", "views.txt"),
+    "classes": scene_file("posed-folder", "classes.json"),
+    "pincam": arkit_file("lowres_wide_intrinsics/42_4300.000.pincam"),
+    "traj": arkit_file("lowres_wide.traj"),
     "colmap-cameras": colmap_file("cameras"),
     "colmap-images": colmap_file("images"),
     "colmap-points": colmap_file("points3D"),

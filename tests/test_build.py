@@ -64,6 +64,12 @@ def test_tasks_are_those_of_the_assembly(name: str):
     assert set(MODELS[name].tasks) == {task for task, present in has.items() if present}
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_knows_whether_it_reads_measured_depth(name: str):
+    with torch.device("meta"):
+        assert build(name).reads_depth == ("measured depth" in model_spec(name).inputs)
+
+
 def test_an_unknown_name_is_refused_with_the_nearest_and_all_others():
     with pytest.raises(
         InputError, match=r"unknown model 'cas_mvs'.*Did you mean 'cas_mvsnet'"

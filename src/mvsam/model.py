@@ -71,6 +71,7 @@ class MultiViewSAM(Model):
         self.prompt = prompt
         self.decoder = decoder
         self.prompt_passes_gradient = prompt_passes_gradient
+        self.reads_depth = prompt is not None and cascade is None
         if decoder is not None:
             self.num_classes = decoder.num_classes
 

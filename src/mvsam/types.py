@@ -189,6 +189,8 @@ class Model(nn.Module):
     """Of the weights' file."""
     num_classes: int = 20
     """The paper's K; without meaning where the model has no semantics."""
+    reads_depth: bool = False
+    """Whether it needs `Views.measured_depth`."""
     backbone_weights: str = "random"
     """What its backbone began with: random, imagenet or the name of a file."""
 

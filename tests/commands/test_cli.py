@@ -10,7 +10,9 @@ import trimesh
 from mvsam import weights
 from mvsam.build import MODELS
 from mvsam.cli import main
+from mvsam.data.keyframes import keyframes as keyframes_of
 from mvsam.files import DiskFullError
+from tests.data.readers.test_scannet import write_raw
 from tests.inference.fake_model import FakeModel
 from tests.synthetic import write_posed_folder
 
@@ -238,6 +240,32 @@ def test_data_check_tells_what_is_wrong_and_convert_writes_another_form(tmp_path
     assert main(["data", "convert", str(folder), "--out", str(out), "--to", "nerfstudio"]) == 0
     assert len(json.loads((out / "transforms.json").read_text())["frames"]) == 5
     assert main(["data", "convert", str(folder), "--out", str(folder)]) == 2
+
+
+def test_data_check_counts_the_frames_that_lost_tracking(tmp_path: Path, capsys):
+    write_raw(tmp_path / "scan", lost=1)
+    assert main(["data", "check", str(tmp_path / "scan")]) == 0
+    assert "2 photos of 64x48, 1 more have no pose" in capsys.readouterr().out
+    assert main(["data", "check", str(tmp_path / "scan"), "--scale", "2", "--json"]) == 0
+    (report,) = json.loads(capsys.readouterr().out)
+    assert (report["num_frames"], report["num_lost"]) == (2, 1)
+
+
+@pytest.mark.parametrize("depth_range", [("0.1", "5"), ("auto",)])
+def test_of_a_stream_only_the_keyframes_are_predicted(tmp_path, model, capsys, depth_range):
+    frames = write_posed_folder(tmp_path / "room", 4, (128, 96))
+    close = frames[1].world_from_cam.copy()
+    close[:3, 3] = frames[0].world_from_cam[:3, 3] + [0.02, 0, 0]
+    close[:3, :3] = frames[0].world_from_cam[:3, :3]
+    np.savetxt(tmp_path / "room/poses/0001.txt", close)
+    room = str(tmp_path / "room")
+    keyframes = ("--tuples", "keyframes", "--depth-range", *depth_range)
+    assert predict(room, tmp_path, *keyframes) == 0
+    names = {file.stem for file in (tmp_path / "out/depth").iterdir()}
+    poses = [np.loadtxt(tmp_path / f"room/poses/000{n}.txt") for n in range(4)]
+    assert names == {f"000{n}" for n in keyframes_of(poses)} and "0001" not in names
+    assert predict(room, tmp_path, "--depth-range", *depth_range) == 2
+    assert "holds predictions with tuples keyframes" in capsys.readouterr().err
 
 
 def test_a_measured_distance_scales_the_cameras_that_predict_writes(room, tmp_path, model, capsys):

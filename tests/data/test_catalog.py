@@ -1,12 +1,16 @@
+import gc
+import pickle
 import sys
+import weakref
 
 import numpy as np
 import pytest
 
 from mvsam import rooms
-from mvsam.data import catalog
+from mvsam.data import catalog, lazy
 from mvsam.data.catalog import open_data
-from mvsam.data.formats import find_format
+from mvsam.data.formats import find_format, open_scene
+from mvsam.data.stream import DataConfig, SampleStream
 from mvsam.errors import InputError
 from tests.synthetic import write_posed_folder
 
@@ -29,7 +33,7 @@ def test_a_bad_scene_among_good_ones_is_not_passed_over(tmp_path):
         write_posed_folder(tmp_path / name)
     (tmp_path / "b/intrinsics.txt").unlink()
     with pytest.raises(InputError, match=r"b/intrinsics\.txt"):
-        open_data(str(tmp_path))
+        list(open_data(str(tmp_path)))
 
 
 def test_photos_in_color_do_not_hide_another_format(tmp_path):
@@ -98,6 +102,41 @@ def test_a_list_of_scenes_opens_them_in_its_order(tmp_path):
     (tmp_path / "scannetv2_val.txt").write_text("scene0015_00\nscene0011_00\n")
     scenes = open_data(str(tmp_path / "scannetv2_val.txt"))
     assert [scene.name for scene in scenes] == ["scene0015_00", "scene0011_00"]
+
+
+def test_the_scenes_of_a_list_are_opened_when_asked_for_and_few_stay_open(tmp_path, monkeypatch):
+    opened = []
+
+    def counted(path, *arguments):
+        opened.append(path.name)
+        return open_scene(path, *arguments)
+
+    monkeypatch.setattr(catalog, "open_scene", counted)
+    monkeypatch.setattr(lazy, "MOST_OPEN", 2)
+    names = ["scene0001_00", "scene0002_00", "scene0003_00"]
+    for name in names:
+        write_posed_folder(tmp_path / name)
+    (tmp_path / "scannetv2_val.txt").write_text("\n".join(names))
+    scenes = open_data(str(tmp_path / "scannetv2_val.txt"))
+    assert len(scenes) == 3 and opened == names[:1]
+    first = weakref.ref(scenes[0])
+    assert scenes[1] is scenes[1] and scenes[-2].name == names[1]
+    assert opened == names[:2] and first() is not None
+    assert scenes[2].name == names[2]
+    gc.collect()
+    assert first() is None
+    assert [scene.name for scene in scenes[:2]] == names[:2]
+    with pytest.raises(IndexError):
+        scenes[3]
+
+
+def test_rules_and_shards_are_applied_when_asked_for_in_workers_too(tmp_path):
+    for name in ("a", "b"):
+        write_posed_folder(tmp_path / name)
+    config = DataConfig(str(tmp_path), tuples="keyframes", cache=str(tmp_path / "cache"))
+    (scenes,) = pickle.loads(pickle.dumps(SampleStream(config, seed=0))).sources
+    assert isinstance(scenes, lazy.LazyScenes)
+    assert [(scene.name, bool(scene.views())) for scene in scenes] == [("a", True), ("b", True)]
 
 
 def test_a_missing_official_list_says_where_it_is(tmp_path):

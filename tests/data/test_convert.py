@@ -1,5 +1,7 @@
 """Scenes written in our two forms come back as they were."""
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,7 +9,10 @@ from PIL import Image
 from mvsam import rooms
 from mvsam.data.convert import write_nerfstudio, write_posed_folder
 from mvsam.data.formats import open_scene
+from mvsam.data.scaled import ScaledScene
+from mvsam.errors import InputError
 from tests.synthetic import depth_of, labels_of
+from tests.synthetic import write_posed_folder as write_files
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +76,34 @@ def test_a_converted_scene_is_the_same_scene(scene, tmp_path, write):
         np.testing.assert_allclose(depth_of(after), depth_of(before), atol=0.51e-3)
         np.testing.assert_allclose(after.world_from_cam, before.world_from_cam, atol=1e-7)
         np.testing.assert_allclose(after.intrinsics, before.intrinsics, rtol=1e-7)
+
+
+@pytest.mark.parametrize("write", [write_posed_folder, write_nerfstudio])
+def test_labels_keep_their_meaning(tmp_path, write):
+    write_files(tmp_path / "mine")
+    table = [{"name": f"thing {n}", "color": [n, n, n]} for n in range(30)]
+    (tmp_path / "mine/classes.json").write_text(json.dumps(table))
+    Image.fromarray(np.full((48, 64), 29, np.uint8)).save(tmp_path / "mine/labels/0001.png")
+    list(write(open_scene(tmp_path / "mine"), tmp_path / "other", "PNG"))
+    again = open_scene(tmp_path / "other")
+    assert getattr(again, "classes", None) == getattr(open_scene(tmp_path / "mine"), "classes", 0)
+    assert (labels_of(again.frame(1)) == 29).all()
+
+
+def test_a_folder_with_poses_of_another_scale_is_refused_as_it_is(scene, tmp_path):
+    next(write_posed_folder(scene, tmp_path))  # stopped after one of three
+    before = sorted(tmp_path.rglob("*.*"))
+    with pytest.raises(InputError, match=r"0000\.txt: is there with another pose"):
+        list(write_posed_folder(ScaledScene(scene, 2.0), tmp_path))
+    assert sorted(tmp_path.rglob("*.*")) == before
+    list(write_posed_folder(scene, tmp_path))
+
+
+def test_a_second_scale_is_written_anew_in_the_form_of_nerfstudio(scene, tmp_path):
+    for scale in (1.0, 2.0):
+        list(write_nerfstudio(ScaledScene(scene, scale), tmp_path))
+        place = open_scene(tmp_path).frame(0).world_from_cam[:3, 3]
+        np.testing.assert_allclose(place, scale * scene.frame(0).world_from_cam[:3, 3])
 
 
 def test_jpegs_are_good_and_a_second_run_keeps_what_is_there(scene, tmp_path):

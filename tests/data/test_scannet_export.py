@@ -6,7 +6,8 @@ from PIL import Image
 
 from mvsam.cli import main
 from mvsam.data.formats import open_scene
-from mvsam.data.scannet_export import export, find_scans, plan
+from mvsam.data.nyu40 import TSV
+from mvsam.data.scannet_export import copy_table, export, find_scans, plan
 from mvsam.errors import InputError
 from tests.data.readers.test_scannet import write_raw
 from tests.synthetic import depth_of, labels_of
@@ -24,6 +25,7 @@ def test_an_export_reads_as_the_scan_itself(scan, tmp_path):
     )
     before, after = open_scene(scan), open_scene(tmp_path / "out/scene0000_00")
     assert len(after) == len(before) == 2
+    assert [getattr(scene, "num_lost", 0) for scene in (before, after)] == [1, 1]
     for index in range(2):
         first, second = before.frame(index), after.frame(index)
         assert int(first.name) == int(second.name)
@@ -59,6 +61,7 @@ def test_several_processes_write_the_same_files(scan, tmp_path):
 
 def test_every_second_frame_at_another_size(scan, tmp_path):
     list(export(plan(scan, tmp_path / "out", every=2, size=(32, 24))[0], 1))
+    copy_table([scan], tmp_path)
     scene = open_scene(tmp_path / "out")
     truth = open_scene(scan)
     assert [scene.frame(i).name for i in range(len(scene))] == ["0", "2"]
@@ -94,6 +97,17 @@ def test_scans_are_found_alone_together_and_by_list(scan, tmp_path):
         find_scans(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         find_scans(tmp_path / "nowhere")
+
+
+def test_the_table_goes_along_if_any_scan_has_labels(scan, tmp_path):
+    bare = scan.parent / "scene0000"  # comes first
+    bare.mkdir()
+    (bare / "scene0000.sens").write_bytes((scan / "scene0000_00.sens").read_bytes())
+    out = tmp_path / "out"
+    assert main(["data", "scannet", str(scan.parent), "--out", str(out), "--workers", "1"]) == 0
+    assert (out / TSV).read_bytes() == (scan.parent / TSV).read_bytes()
+    assert open_scene(out / "scene0000").frame(0).labels is None
+    assert open_scene(out / "scene0000_00").frame(0).labels is not None
 
 
 def test_two_scans_in_one_folder_are_refused(scan, tmp_path):

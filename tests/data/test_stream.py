@@ -37,6 +37,16 @@ def assert_equal(first: TrainingSample, second: TrainingSample) -> None:
     assert torch.equal(fingerprint(first), fingerprint(second))
 
 
+def test_a_source_that_cannot_follow_the_rule_of_all_is_named(tmp_path):
+    for name in ("room", "other"):
+        write_posed_folder(tmp_path / name)
+    (tmp_path / "split.txt").write_text("room 0 1 2\n")
+    both = f"{tmp_path}/room + {tmp_path}/other"
+    for rule, culprit in [("mvs2d", "room"), (f"{tmp_path}/split.txt", "other")]:
+        with pytest.raises(InputError, match=rf"/{culprit} cannot follow it: .* write views\.txt"):
+            SampleStream(DataConfig(both, tuples=rule), seed=0)
+
+
 def test_a_sample_does_not_depend_on_those_read_before(config: DataConfig):
     forward, backward = SampleStream(config, seed=1), SampleStream(config, seed=1)
     samples = {n: forward[n] for n in range(6)}

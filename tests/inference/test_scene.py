@@ -264,6 +264,19 @@ def test_a_photo_that_overlaps_no_other_is_skipped_and_named(tmp_path: Path, out
         predict_scene(FakeModel(), open_scene(tmp_path / "room"), out, references=["0003"])
 
 
+def test_a_photo_without_the_depth_that_the_model_reads_is_found_before_work(
+    tmp_path: Path, scene, out: Path
+):
+    model = FakeModel()
+    model.reads_depth = True
+    predict_scene(model, scene, out)
+    (tmp_path / "room/depth/0002.png").unlink()
+    with pytest.raises(InputError, match=r"0002: has no measured depth.*take a model of RGB views"):
+        predict_scene(model, open_scene(tmp_path / "room"), tmp_path / "again")
+    assert not (tmp_path / "again").exists()
+    predict_scene(model, open_scene(tmp_path / "room"), tmp_path / "again", references=["0001"])
+
+
 def test_progress_counts_every_reference(scene, out: Path):
     seen = []
     predict_scene(FakeModel(), scene, out, on_photo=lambda *step: seen.append(step))

@@ -32,6 +32,8 @@ class EmsaFormer(Model):
     its data; these are round numbers for rooms. Unknown depth counts as the mean.
     """
 
+    reads_depth = True
+
     def __init__(
         self, num_classes: int, decoder: nn.Module, depth_statistics: tuple[float, float] = (2, 1)
     ):

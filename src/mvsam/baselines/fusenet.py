@@ -28,6 +28,8 @@ class FuseNet(Model):
     had to put fresh ones in.
     """
 
+    reads_depth = True
+
     def __init__(self, num_classes: int = 20, imagenet: str | None = None):
         super().__init__()
         self.num_classes = num_classes

@@ -30,6 +30,8 @@ class Ssma(Model):
     another method. `Prediction.auxiliary` and its parameters are those of `AdapNetPP`.
     """
 
+    reads_depth = True
+
     def __init__(self, num_classes: int = 20):
         super().__init__()
         self.num_classes = num_classes

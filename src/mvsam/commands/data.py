@@ -123,7 +123,7 @@ class ScanNet:
             raise InputError(f"--every {self.every} writes no frame; give 1 or more.")
         scans = find_scans(self.scans)
         writable_folder(self.out)
-        copy_table(scans[0], self.out)
+        copy_table(scans, self.out)
         with progress_bar() as progress:
             for scan in scans:
                 folder = self.out / scan.name
@@ -153,7 +153,8 @@ class Data:
 
 def _as_text(report: SceneReport) -> str:
     sizes = ", ".join(f"{width}x{height}" for width, height in report.sizes)
-    lines = [f"{report.name}: {report.num_frames} photos of {sizes}"]
+    lost = f", {report.num_lost} more have no pose" if report.num_lost else ""
+    lines = [f"{report.name}: {report.num_frames} photos of {sizes}{lost}"]
     if report.baselines:
         lines.append(
             "  nearest camera   {:.2f} / {:.2f} / {:.2f} m away, ".format(*report.baselines)

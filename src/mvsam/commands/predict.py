@@ -33,6 +33,10 @@ class Predict:
     """Name with embedded weights, path of a .safetensors file, or Hugging Face id."""
     views: int = 3
     """Photos that are looked at together: a reference and its best sources, 2 to 8."""
+    tuples: str | None = None
+    """Which photos go together, as in mvsam eval: keyframes (only the photos of a stream
+    that moved 10 cm or turned 15 degrees), mvs2d, every-100, or a file; where it is not given, the
+    scene's own tuples, else every photo with those that overlap it best."""
     depth_range: tuple[float, float] | Literal["auto"] = (0.1, 5.0)
     """Nearest and farthest depth, metres; auto: an estimate from the scene's sparse points, where
     its format has them, or from its poses."""
@@ -61,12 +65,15 @@ class Predict:
 
     def run(self) -> None:
         from mvsam.data.catalog import open_data
+        from mvsam.data.view_rules import prescribe
         from mvsam.encoders.sam import cache_frozen_features
 
         model = load_model(self.model, self.device)
         if self.feature_cache is not None:
             cache_frozen_features(model, self.feature_cache)
         scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
+        if self.tuples is not None:
+            scenes = prescribe(scenes, self.tuples, self.views, self.depth_range)
         for scene in scenes:
             out = self.out if len(scenes) == 1 else self.out / scene.name
             result = predict_with_bar(self, model, scene, out)

@@ -1,13 +1,16 @@
 """Data by name: `rooms:val`, a scene folder, a folder of scene folders, or a list of scenes."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from operator import getitem
 from pathlib import Path
+from typing import overload
 
 from mvsam.data.cache import cached_scene
 from mvsam.data.formats import Poses, find_format, open_scene
+from mvsam.data.lazy import LazyScenes
 from mvsam.data.readers.single_views import SingleViews, is_single_views
 from mvsam.data.scaled import Baseline, parse_scale
 from mvsam.data.splits import is_scene_list, listed_scenes
@@ -24,11 +27,12 @@ def open_data(
     scale: float | str = 1.0,
     poses: Poses = "given",
     assets: str | None = None,
-) -> Sequence[Scene]:
+) -> "RoomScenes | LazyScenes | list[Scene]":
     """The scenes of `rooms:SPLIT`, `rooms:SPLIT:FIRST-END`, or a path.
 
     The end of a part is left out, as in Python's slices. A path is a scene, a folder of scene
-    folders, which come sorted by name, or a list of scenes, as ScanNet's scannetv2_val.txt. A
+    folders, which come sorted by name, or a list of scenes, as ScanNet's scannetv2_val.txt; all but
+    the first of several are opened, and found broken, when they are asked for (`LazyScenes`). A
     folder of photos with depth or labels but without poses is a scene for each photo.
     `room_frames` is the number of frames of each room, `room_size` their (width, height), `assets`
     the folder of an asset pack for them; they are rendered once where `cache` names a folder to
@@ -51,7 +55,10 @@ def open_data(
             f"{name}: holds {len(folders)} scenes, but the distance of two photos is the scale of "
             "one; name the scene's own folder."
         )
-    return [scene for folder in folders for scene in _scenes_in(folder, format, scale)]
+    openers = [opener for folder in folders for opener in _openers(folder, format, scale)]
+    scenes = LazyScenes(openers)
+    _ = scenes[0]  # what is wrong with a single one is said now
+    return scenes
 
 
 def is_rooms(name: str) -> bool:
@@ -59,13 +66,14 @@ def is_rooms(name: str) -> bool:
     return name.startswith("rooms:")
 
 
-def _scenes_in(folder: Path, format: str | None, scale: float | str) -> Sequence[Scene]:
-    """One scene, or one for each photo of a folder without poses."""
+def _openers(folder: Path, format: str | None, scale: float | str) -> Sequence[Callable[[], Scene]]:
+    """Of one scene, or of one for each photo of a folder without poses."""
     if format is not None or not is_single_views(folder):
-        return [open_scene(folder, format, scale)]
+        return [partial(open_scene, folder, format, scale)]
     if parse_scale(scale) != 1.0:
         raise InputError(f"{folder}: has photos without poses; leave --scale out.")
-    return SingleViews(folder)
+    photos = SingleViews(folder)
+    return [partial(getitem, photos, index) for index in range(len(photos))]
 
 
 def scene_folders(path: Path) -> list[Path]:
@@ -106,7 +114,13 @@ class RoomScenes(Sequence[Scene]):
     def __len__(self) -> int:
         return len(self._indices)
 
-    def __getitem__(self, position):
+    @overload
+    def __getitem__(self, position: int) -> Scene: ...
+
+    @overload
+    def __getitem__(self, position: slice) -> list[Scene]: ...
+
+    def __getitem__(self, position: int | slice) -> Scene | list[Scene]:
         if isinstance(position, slice):
             return [self[index] for index in range(*position.indices(len(self)))]
         return _room(self.split, self._indices[position], self.style)

@@ -1,14 +1,16 @@
 """Any scene written as a posed folder, or in nerfstudio's form."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
 
+from mvsam.data.files import load_matrix
 from mvsam.data.labels import SCANNET20
+from mvsam.errors import InputError
 from mvsam.files import write_json, write_whole
 from mvsam.geometry.depth_map import to_millimetres
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
@@ -21,11 +23,13 @@ _JPEG = {"quality": 95, "subsampling": 0}
 def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
     """Writes frame by frame, yielding each name when its files are whole.
 
-    What is there already is kept, so a stopped run goes on. Calibrations are written with integer
-    pixel centres, as OpenCV counts them: one `intrinsics.txt` where all photos share it.
+    What is there already is kept, so a stopped run goes on; InputError for poses there of another
+    scene or scale. Calibrations are written with integer pixel centres, as OpenCV counts them: one
+    `intrinsics.txt` where all photos share it.
     """
     half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
     frames = [scene.frame(index) for index in range(len(scene))]
+    _check_same_poses(frames, folder)
     first = frames[0]
     if all(f.size == first.size and (f.intrinsics == first.intrinsics).all() for f in frames):
         _write_matrix(folder / "intrinsics.txt", first.intrinsics - half_pixel)
@@ -48,7 +52,7 @@ def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG")
 
 
 def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
-    """The same as `transforms.json` with `images/`, `depth/` and `labels/`."""
+    """The same as `transforms.json` with `images/`, `depth/` and `labels/`, all written anew."""
     entries = []
     for index in range(len(scene)):
         frame = scene.frame(index)
@@ -63,6 +67,19 @@ def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -
         yield frame.name
     content: dict[str, Any] = {"camera_model": "PINHOLE", "depth_unit_scale_factor": 1e-3}
     write_json(folder / "transforms.json", content | {"frames": entries})
+    _write_classes(scene, folder)
+
+
+def _check_same_poses(frames: Sequence[Frame], folder: Path) -> None:
+    for frame in frames:
+        file = folder / "poses" / f"{frame.name}.txt"
+        if not file.exists():
+            continue
+        if not np.allclose(load_matrix(file, 4, 4, "pose"), frame.world_from_cam, atol=1e-6):
+            raise InputError(
+                f"{file}: is there with another pose, of another scene or --scale; give another "
+                "folder as --out, or remove that one."
+            )
 
 
 def _write_pixels(frame: Frame, folder: Path, place: str, photos: PhotoFormat) -> dict[str, str]:

@@ -7,6 +7,7 @@ import torch
 from torch.utils.data import Dataset
 
 from mvsam.data.catalog import open_data
+from mvsam.data.lazy import LazyScenes
 from mvsam.data.sampling import DepthRange, evenly_spaced, view_tuples
 from mvsam.data.transforms import (
     Size,
@@ -74,8 +75,8 @@ class TupleDataset(Dataset[Sample]):
     """Every view tuple of some scenes, as batches of one.
 
     `tuples_per_scene` keeps at most so many of each scene, evenly spaced. `skipped` lists the
-    frames ("scene: name") that no other frame overlaps, for the caller to warn about. Scenes stay
-    open, because a procedural room that was dropped would be built again (about 2 MB each).
+    frames ("scene: name") that no other frame overlaps, for the caller to warn about. Rooms stay
+    open, because one that was dropped would be built again (about 2 MB each).
     semantic_size: as `make_views`. truth_size: of the ground truth; None: `size`.
     crop: the paper leaves open how 4:3 frames become 5:4 pictures. We chose to stretch the whole
     frame; True cuts it centrally to the shape of `size`, photos and ground truth alike.
@@ -92,7 +93,8 @@ class TupleDataset(Dataset[Sample]):
         crop: bool = False,
         truth_size: Size | None = None,
     ):
-        self.scenes, self.size, self.depth_range = list(scenes), size, depth_range
+        self.scenes = scenes if isinstance(scenes, LazyScenes) else list(scenes)
+        self.size, self.depth_range = size, depth_range
         self.truth_size = truth_size or size
         self.semantic_size, self.crop = semantic_size, crop
         self.skipped: list[str] = []

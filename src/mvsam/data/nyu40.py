@@ -34,8 +34,8 @@ def find_tsv(folder: Path) -> Path:
         if (place / TSV).is_file():
             return place / TSV
     raise InputError(
-        f"{folder}: raw label ids need {TSV}, which comes with ScanNet's download; put it beside "
-        "the scenes."
+        f"{folder}: raw label ids need {TSV}, which comes with ScanNet's download "
+        "(download-scannet.py --label_map); put it beside the scenes."
     )
 
 

@@ -24,6 +24,8 @@ class SceneReport:
 
     name: str
     num_frames: int
+    num_lost: int
+    """Pictures that have no pose, because tracking was lost, say; they are left out."""
     sizes: list[tuple[int, int]]
     """(width, height) of the photos, each that occurs."""
     baselines: list[float]
@@ -73,6 +75,7 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
     return SceneReport(
         name=scene.name,
         num_frames=len(frames),
+        num_lost=getattr(scene, "num_lost", 0),
         sizes=sorted({frame.size for frame in frames}),
         baselines=baselines,
         turns=turns,

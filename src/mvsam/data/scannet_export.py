@@ -5,7 +5,6 @@ pose/, intrinsic/, and label-filt/ from the scan's zip.
 """
 
 import io
-import zipfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from jaxtyping import Float
 from PIL import Image
 
 from mvsam.data.nyu40 import TSV, find_tsv
+from mvsam.data.readers.label_zip import list_labels, read_label
 from mvsam.data.readers.listed import HALF_PIXEL
 from mvsam.data.readers.scannet import is_sens, open_scannet_folder
 from mvsam.data.readers.sens import SensFile
@@ -95,14 +95,15 @@ def export(jobs: Sequence[Job], workers: int) -> Iterator[int]:
 
 def run(job: Job) -> int:
     """Writes the frames of a job and returns their number."""
-    scan, labels = _opened(job.sens), _members(job.labels) if job.labels else {}
+    scan, labels = _opened(job.sens), _listed(job.labels) if job.labels else {}
     for index in job.frames:
         pose = scan.frames[index].world_from_cam
         if np.isfinite(pose).all():
             _write_photo(scan, index, job)
             _write_depth(scan, index, job.out)
             if index in labels and job.labels:
-                _copy_label(job.labels, labels[index], job.out / f"label-filt/{index}.png")
+                label = read_label(job.labels, labels[index])
+                _write_bytes(job.out / f"label-filt/{index}.png", label)
         _write_matrix(job.out / f"pose/{index}.txt", pose)
     return len(job.frames)
 
@@ -112,21 +113,14 @@ def _opened(path: Path) -> SensFile:
     return SensFile(path)
 
 
-@lru_cache(maxsize=2)
-def _members(archive: Path) -> dict[int, str]:
-    try:
-        with zipfile.ZipFile(archive) as file:
-            names = [name for name in file.namelist() if name.lower().endswith(".png")]
-    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise InputError(f"{archive}: cannot be read ({error}); download it again.") from error
-    return {int(Path(name).stem): name for name in names if Path(name).stem.isdecimal()}
+_listed = lru_cache(maxsize=2)(list_labels)
 
 
-def copy_table(scan: Path, out: Path) -> None:
-    """ScanNet's table of categories goes along where a scan has labels."""
-    if any(scan.glob("*_2d-label-filt.zip")):
-        data = find_tsv(scan).read_bytes()
-        write_whole(out / TSV, lambda stream: stream.write(data))
+def copy_table(scans: Sequence[Path], out: Path) -> None:
+    """ScanNet's table of categories goes along where one of the scans has labels."""
+    labelled = (scan for scan in scans if any(scan.glob("*_2d-label-filt.zip")))
+    if (scan := next(labelled, None)) is not None:
+        _write_bytes(out / TSV, find_tsv(scan).read_bytes())
 
 
 def write_views(folder: Path, rule: str, num_views: int) -> None:
@@ -134,7 +128,7 @@ def write_views(folder: Path, rule: str, num_views: int) -> None:
     (scene,) = prescribe([open_scannet_folder(folder)], rule, num_views, DEPTH_RANGE)
     lines = [" ".join(scene.frame(i).name for i in views) for views in scene.views() or ()]
     text = "\n".join([f"# {rule}: reference, then sources", *lines, ""])
-    write_whole(folder / "views.txt", lambda stream: stream.write(text.encode()))
+    _write_bytes(folder / "views.txt", text.encode())
 
 
 def _write_photo(scan: SensFile, index: int, job: Job) -> None:
@@ -148,7 +142,7 @@ def _write_photo(scan: SensFile, index: int, job: Job) -> None:
         buffer = io.BytesIO()
         picture.save(buffer, "JPEG", quality=95)
         data = buffer.getvalue()
-    write_whole(file, lambda stream: stream.write(data))
+    _write_bytes(file, data)
 
 
 def _write_depth(scan: SensFile, index: int, out: Path) -> None:
@@ -160,15 +154,6 @@ def _write_depth(scan: SensFile, index: int, out: Path) -> None:
     write_whole(
         out / f"depth/{index}.png", lambda stream: picture.save(stream, "PNG", compress_level=1)
     )
-
-
-def _copy_label(archive: Path, member: str, file: Path) -> None:
-    try:
-        with zipfile.ZipFile(archive) as source:
-            data = source.read(member)
-    except Exception as error:  # zipfile raises many kinds for damaged data
-        raise InputError(f"{archive}: {member} cannot be read ({error}).") from error
-    write_whole(file, lambda stream: stream.write(data))
 
 
 def _write_intrinsics(scan: SensFile, out: Path, size: tuple[int, int] | None) -> None:
@@ -195,3 +180,7 @@ def _write_intrinsics(scan: SensFile, out: Path, size: tuple[int, int] | None) -
 
 def _write_matrix(path: Path, matrix: Float[np.ndarray, "4 4"]) -> None:
     write_whole(path, lambda stream: np.savetxt(stream, matrix, fmt="%.9g"))
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    write_whole(path, lambda stream: stream.write(data))

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from torch.utils.data import Dataset, Sampler
 from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
 from mvsam.data.catalog import is_rooms, open_data
 from mvsam.data.dataset import collate, make_targets, make_views
+from mvsam.data.lazy import changed
 from mvsam.data.mixture import Mixture, parse_sources
 from mvsam.data.name_lists import read_names
 from mvsam.data.readers.single_views import SingleViews
@@ -39,7 +40,8 @@ class DataConfig:
     """Metres a unit of their poses, or A:B=METRES, as `mvsam predict --scale`."""
     tuples: str | None = None
     """Which frames of recorded scans go together: mvs2d, every-100, keyframes, or a file of tuples,
-    as `mvsam eval --tuples`; none: a scene's own, or by overlap. Rooms have their own; `val` is
+    as `mvsam eval --tuples`; none: a scene's own, or by overlap. All recorded
+    sources of a mixture follow this one rule; rooms have their own. `val` is
     watched by the same rule, not by a file."""
     num_views: int = 3
     """The paper's M."""
@@ -180,12 +182,28 @@ def _open_source(name: str, config: DataConfig) -> Sequence[Scene]:
     if is_rooms(name):
         return scenes
     if config.tuples is not None:
-        scenes = prescribe(scenes, config.tuples, config.num_views, config.depth_range)
+        scenes = _with_tuples(scenes, config.tuples, name, config)
     if config.cache is None:
         return scenes
     width, height = size
     folder = Path(config.cache) / f"scans-{width}x{height}"
-    return [ShardedScene(scene, folder, size, config.crop) for scene in scenes]
+    return changed(scenes, partial(ShardedScene, folder=folder, size=size, crop=config.crop))
+
+
+def _with_tuples(
+    scenes: Sequence[Scene], rule: str, name: str, config: DataConfig
+) -> Sequence[Scene]:
+    """The scenes under the one rule of all sources; InputError where the first cannot follow it."""
+    try:
+        scenes = prescribe(scenes, rule, config.num_views, config.depth_range)
+        _ = scenes[0]
+    except InputError as error:
+        raise InputError(
+            f"--data.tuples {rule} is for every recorded source of --data.train, but {name} cannot "
+            f"follow it: {error} Or leave the option out, and write views.txt into the scenes that "
+            "need a rule (mvsam data scannet --tuples)."
+        ) from error
+    return scenes
 
 
 class SingleStream(Dataset[tuple[Views, Targets]]):

@@ -1,11 +1,14 @@
 """Published rules of which frames of a recording are seen together, and tuples from files."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
+from mvsam.data.depth_range import DepthRangeOrAuto, estimate_depth_range
 from mvsam.data.keyframes import keyframes
-from mvsam.data.sampling import DepthRange, ViewTuple, rank_sources
+from mvsam.data.lazy import LazyScenes, changed
+from mvsam.data.sampling import ViewTuple, rank_sources
 from mvsam.data.splits import read_tuples
 from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError
@@ -30,26 +33,31 @@ class PrescribedScene(WrappedScene):
 
 
 def prescribe(
-    scenes: Sequence[Scene], rule: str, num_views: int, depth_range: DepthRange
-) -> list[Scene]:
+    scenes: Sequence[Scene], rule: str, num_views: int, depth_range: DepthRangeOrAuto
+) -> LazyScenes:
     """The scenes with the tuples of a rule of `RULES`, or of a file (MVS2D's .npy, or text).
 
     mvs2d: every 20th frame with its neighbours. every-100: references as ScanNet's 2D benchmark,
     sources as mvs2d. keyframes: frames 10 cm or 15 degrees apart, sources by overlap among them.
-    Scenes that a file does not name are left out.
+    Scenes that a file does not name are left out. A rule is applied to a scene when that is opened.
     """
-    if rule == "mvs2d":
-        return [PrescribedScene(s, window_tuples(s, num_views)) for s in scenes]
-    if rule == "every-100":
-        return [PrescribedScene(s, window_tuples(s, num_views, BENCHMARK_STEP)) for s in scenes]
-    if rule == "keyframes":
-        return [PrescribedScene(s, keyframe_tuples(s, num_views, depth_range)) for s in scenes]
+    rules = {
+        "mvs2d": partial(window_tuples, num_views=num_views),
+        "every-100": partial(window_tuples, num_views=num_views, reference_step=BENCHMARK_STEP),
+        "keyframes": partial(keyframe_tuples, num_views=num_views, depth_range=depth_range),
+    }
+    if rule in rules:
+        return changed(scenes, partial(_with_rule, rules[rule]))
     if not rule.endswith((".npy", ".txt")):
         raise InputError(
             f"unknown rule of view tuples '{rule}'; choose one of {', '.join(RULES)}, or the path "
             "of a .npy or .txt file."
         )
     return _from_file(scenes, Path(rule), num_views)
+
+
+def _with_rule(tuples_of: Callable[[Scene], list[ViewTuple]], scene: Scene) -> Scene:
+    return PrescribedScene(scene, tuples_of(scene))
 
 
 def window_tuples(
@@ -92,19 +100,21 @@ def frame_numbers(scene: Scene) -> list[int]:
     return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
 
 
-def keyframe_tuples(scene: Scene, num_views: int, depth_range: DepthRange) -> list[ViewTuple]:
+def keyframe_tuples(scene: Scene, num_views: int, depth_range: DepthRangeOrAuto) -> list[ViewTuple]:
     """The keyframes as references, each with the best sources among the others."""
     frames = [scene.frame(index) for index in range(len(scene))]
+    if depth_range == "auto":
+        depth_range = estimate_depth_range(frames, getattr(scene, "points", None))
     kept = keyframes([frame.world_from_cam for frame in frames])
     tuples, _ = rank_sources([frames[i] for i in kept], depth_range, num_views)
     return [tuple(kept[i] for i in views) for views in tuples]
 
 
-def _from_file(scenes: Sequence[Scene], file: Path, num_views: int) -> list[Scene]:
+def _from_file(scenes: Sequence[Scene], file: Path, num_views: int) -> LazyScenes:
     by_scene = read_tuples(file)
-    named: list[Scene] = [
-        PrescribedScene(scene, _indices(scene, by_scene[scene.name], file, num_views))
-        for scene in scenes
+    named = [
+        partial(_with_tuples, scenes, place, _indices(scene, by_scene[scene.name], file, num_views))
+        for place, scene in enumerate(scenes)
         if scene.name in by_scene
     ]
     if not named:
@@ -112,7 +122,11 @@ def _from_file(scenes: Sequence[Scene], file: Path, num_views: int) -> list[Scen
             f"{file}: names none of these scenes ({scenes[0].name}, ...) but "
             f"{next(iter(by_scene))}, ...; is it for other data?"
         )
-    return named
+    return LazyScenes(named)
+
+
+def _with_tuples(scenes: Sequence[Scene], place: int, tuples: list[ViewTuple]) -> Scene:
+    return PrescribedScene(scenes[place], tuples)
 
 
 def _indices(

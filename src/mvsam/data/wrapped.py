@@ -12,12 +12,14 @@ class WrappedScene:
     """The same scene; subclasses change one thing.
 
     points: sparse points of its surfaces in world axes, point x 3, where its format has some.
+    num_lost: pictures of it that have no pose.
     """
 
     def __init__(self, scene: Scene):
         self._scene = scene
         self.classes: ClassTable = getattr(scene, "classes", SCANNET20)
         self.points: np.ndarray | None = getattr(scene, "points", None)
+        self.num_lost: int = getattr(scene, "num_lost", 0)
 
     @property
     def name(self) -> str:

@@ -61,8 +61,20 @@ def predict(
             )
     # The reference comes first: a measured depth belongs to view 0.
     tuples = [[frames[r], *frames[:r], *frames[r + 1 :]] for r in chosen]
+    check_measured_depth(model, [views[0] for views in tuples])
     with Session(model, depth_range, precision=precision) as session:
         return list(session.predict_all(tuples))
+
+
+def check_measured_depth(model: nn.Module, references: Sequence[Frame]) -> None:
+    """Raises `InputError` where the model reads depth that a reference lacks."""
+    lacking = [frame.name for frame in references if frame.load_depth is None]
+    if lacking and getattr(model, "reads_depth", False):
+        raise InputError(
+            f"{lacking[0]}: has no measured depth, which this model reads ({len(lacking)} of "
+            f"{len(references)} photos lack it); give them depth maps, name others as references, "
+            "or take a model of RGB views (mvsam models)."
+        )
 
 
 def resolved_depth_range(

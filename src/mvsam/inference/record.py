@@ -16,7 +16,7 @@ from mvsam.precision import Precision, resolve
 from mvsam.provenance import versions
 from mvsam.types import Frame
 
-IDENTITY = ("scene", "cameras_hash", "model", "weights_hash", "num_views", "depth_range")
+IDENTITY = ("scene", "cameras_hash", "model", "weights_hash", "num_views", "tuples", "depth_range")
 """Keys in which two runs must agree to share a folder."""
 
 
@@ -36,6 +36,7 @@ def describe_run(
         "model": model_name(model),
         "weights_hash": getattr(model, "weights_hash", None) or hash_of_values(model),
         "num_views": num_views,
+        "tuples": (arguments or {}).get("tuples"),
         "depth_range": list(depth_range),
         "precision": resolve(precision, device_of(model).type),
         "arguments": arguments or {},

@@ -18,7 +18,7 @@ from mvsam.evaluation.evaluate import Scores
 from mvsam.files import write_json
 from mvsam.inference.limits import REMEMBERED_PHOTOS, count_needs, photos_within
 from mvsam.inference.outputs import OutputFolder, PhotoPrediction
-from mvsam.inference.photos import MOST_VIEWS, resolved_depth_range
+from mvsam.inference.photos import MOST_VIEWS, check_measured_depth, resolved_depth_range
 from mvsam.inference.record import (
     check_same_run,
     describe_cost,
@@ -86,10 +86,11 @@ def predict_scene(
         log.warning("%s: no other photo overlaps it; it is skipped.", name)
     if hint := pose_convention_hint(frames, depth_range):
         log.warning("%s: %s", scene.name, hint)
+    chosen = [frames[views[0]] for views in tuples]
+    check_measured_depth(model, chosen)
     photos = _photos_within(max_memory, model, frames, num_views)
     folder = OutputFolder(Path(out))
     run = describe_run(model, scene.name, frames, num_views, depth_range, precision, arguments)
-    chosen = [frames[views[0]] for views in tuples]
     _prepare(folder, run, chosen, overwrite, save_npz)
     with Session(model, depth_range, photos, precision) as session:
         work = _Work(session, frames, folder, run, save_npz)

@@ -81,6 +81,14 @@ def write_posed(frames: Sequence[Frame], path: Path) -> None:
     list(convert.write_posed_folder(Listed(frames), path, "PNG"))
 
 
+def write_views_and_classes(path: Path) -> None:
+    """What a posed folder may have besides."""
+    names = [file.stem for file in sorted((path / "color").iterdir())]
+    write_lines(path / "views.txt", ["# reference, then sources", " ".join(names)])
+    table = [{"name": f"class {n}", "color": [n, 0, 255]} for n in range(len(NYU40_IDS))]
+    (path / "classes.json").write_text(json.dumps(table))
+
+
 def write_nerfstudio(frames: Sequence[Frame], path: Path) -> None:
     list(convert.write_nerfstudio(Listed(frames), path, "PNG"))
 

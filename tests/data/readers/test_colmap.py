@@ -73,6 +73,60 @@ def test_a_lens_is_taken_away_as_our_own_formula_does(tmp_path):
     np.testing.assert_array_equal(frame.image, expected)
 
 
+LENSES = {
+    "SIMPLE_RADIAL": (-0.2,),
+    "RADIAL": (-0.2, 0.03),
+    "OPENCV": (-0.2, 0.03, 0.004, -0.003),
+    "FULL_OPENCV": (-0.2, 0.03, 0.004, -0.003, 0.01, 0.02, -0.01, 0.005),
+    "OPENCV_FISHEYE": (0.05, -0.02, 0.01, -0.004),
+    "SIMPLE_RADIAL_FISHEYE": (0.05,),
+    "RADIAL_FISHEYE": (0.05, -0.02),
+    "THIN_PRISM_FISHEYE": (0.05, -0.02, 0.004, -0.003, 0.01, -0.004, 0.002, -0.003),
+    "FOV": (0.9,),
+    "SIMPLE_FISHEYE": (),
+    "FISHEYE": (),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (0.05, -0.02, 0.01, 0, 0, 0, 0.004, -0.003, 0.01, 0, 0.01, 0),
+    "SIMPLE_DIVISION": (-0.2,),
+    "DIVISION": (-0.2,),
+    "EUCM": (0.6, 1.1),
+}
+"""Distortion parameters of every camera model that is neither pinhole nor panorama."""
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_a_straight_camera_sees_what_any_lens_has_seen(tmp_path, model):
+    """The picture holds, at each pixel, the direction that COLMAP says the pixel looks in."""
+    truth = write_colmap(tmp_path)
+    k = truth[0].intrinsics
+    some = pycolmap.Camera.create_from_model_name(1, model, 50.0, 64, 48)
+    focal = [k[0, 0], k[1, 1]][: len(some.focal_length_idxs())]
+    params = [*focal, k[0, 2], k[1, 2], *LENSES[model]]
+    numbers = " ".join(repr(float(value)) for value in params)
+    (tmp_path / "sparse/0/cameras.txt").write_text(f"1 {model} 64 48 {numbers}\n")
+    lens = pycolmap.Camera(model=model, width=64, height=48, params=params)
+    rows, columns = np.mgrid[:48, :64] + 0.5
+    rays = lens.cam_from_img(np.stack([columns, rows], axis=-1).reshape(-1, 2)).reshape(48, 64, 2)
+    colours = np.concatenate([160 * rays, np.zeros((48, 64, 1))], axis=-1) + 128
+    Image.fromarray(colours.round().clip(0, 255).astype(np.uint8)).save(
+        tmp_path / "images/0000.png"
+    )
+    frame = open_scene(tmp_path).frame(0)
+    k = frame.intrinsics
+    straight = (columns - k[0, 2]) / k[0, 0], (rows - k[1, 2]) / k[1, 1]
+    inside = np.s_[4:44, 6:58]
+    for channel, expected in enumerate(straight):
+        seen = (frame.image[..., channel].astype(float) - 128) / 160
+        assert np.abs(seen - expected)[inside].max() < 0.008, "a level of colour is 0.006"
+    assert np.abs(rays[..., 0] - straight[0])[inside].max() > 0.016, (
+        "without a lens it would differ"
+    )
+
+
+def test_every_lens_of_colmap_is_tried():
+    others = {"INVALID", "PINHOLE", "SIMPLE_PINHOLE", "EQUIRECTANGULAR"}
+    assert set(LENSES) | others == set(pycolmap.CameraModelId.__members__)
+
+
 def test_a_scale_moves_the_cameras_alone(tmp_path):
     truth = write_colmap(tmp_path)
     frame = open_scene(tmp_path, scale=2.5).frame(2)

@@ -20,7 +20,7 @@ from mvsam.data.formats import FORMATS
 from mvsam.data.splits import listed_scenes, read_tuples
 from mvsam.errors import InputError
 from mvsam.types import Frame
-from tests.data.readers.layouts import LAYOUTS
+from tests.data.readers.layouts import LAYOUTS, write_views_and_classes
 from tests.synthetic import synthetic_views
 
 QUICK = settings(
@@ -31,15 +31,22 @@ QUICK = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 FUZZED = {
-    "posed-folder": ("intrinsics.txt", "poses/0000.txt", "color/0000.png", "depth/0000.png"),
+    "posed-folder": (
+        "intrinsics.txt", "poses/0000.txt", "color/0000.png", "depth/0000.png", "views.txt",
+        "classes.json",
+    ),
     "nerfstudio": ("transforms.json", "depth/0000.png"),
     "colmap": ("sparse/0/cameras.txt", "sparse/0/images.txt"),
     "scannet": ("pose/0.txt", "intrinsic/intrinsic_depth.txt", "label-filt/0.png"),
     "scannet-sens": ("scan.sens", "scan_2d-label-filt.zip", "scannetv2-labels.combined.tsv"),
     "tum": ("rgb.txt", "groundtruth.txt", "intrinsics.txt"),
     "ios-logger": ("Frames.txt", "ARposes.txt"),
+    "arkitscenes": (
+        "scene_frames/lowres_wide_intrinsics/scene_4300.000.pincam",
+        "scene_frames/lowres_wide.traj",
+    ),
     "replica": ("traj.txt", "cam_params.json", "results/depth000000.png"),
-}
+}  # fmt: skip
 
 
 def small_frames() -> list[Frame]:
@@ -58,6 +65,8 @@ def broken(request, tmp_path_factory):
     name, file = request.param
     folder = tmp_path_factory.mktemp("fuzz") / "scene"
     LAYOUTS[name].write(small_frames(), folder)
+    if name == "posed-folder":
+        write_views_and_classes(folder)
     return name, folder, folder / file, (folder / file).read_bytes()
 
 
@@ -169,7 +178,7 @@ def test_only_what_photos_are_kept_as_is_decoded(tmp_path, suffix):
 
 
 def test_every_format_is_fuzzed_or_shares_its_parser():
-    shared = {"icl-nuim", "7-scenes", "arkitscenes"}
+    shared = {"icl-nuim", "7-scenes"}
     assert set(FUZZED) | shared == set(FORMATS)
 
 

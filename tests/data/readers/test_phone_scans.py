@@ -91,7 +91,7 @@ def test_pictures_between_two_poses_are_left_out(tmp_path, frames, caplog):
     file = path / "42_frames/lowres_wide.traj"
     file.write_text("\n".join(file.read_text().splitlines()[::6]))
     assert len(open_scene(path)) == 2
-    assert "2 of 8 pictures have a pose" in caplog.text
+    assert "6 of 8 frames have no pose" in caplog.text
 
 
 @pytest.mark.parametrize(

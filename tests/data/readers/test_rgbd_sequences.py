@@ -51,7 +51,7 @@ def test_tum_lists_are_joined_by_time(tmp_path, caplog):
     truth = write_tum(tmp_path)
     scene = open_scene(tmp_path)
     assert len(scene) == len(truth)
-    assert "1 of 4 photos have no pose" in caplog.text
+    assert "1 of 4 frames have no pose" in caplog.text
     for index, view in enumerate(truth):
         frame = scene.frame(index)
         np.testing.assert_allclose(frame.world_from_cam, view.world_from_cam, atol=1e-7)

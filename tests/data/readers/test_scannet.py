@@ -1,12 +1,17 @@
 """ScanNet, raw and exported, written here to the published layout."""
 
+import tracemalloc
+import zipfile
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from mvsam.data.formats import open_scene
 from mvsam.data.nyu40 import from_nyu40
+from mvsam.data.readers import label_zip
 from mvsam.data.readers.sens import SensFile
+from mvsam.data.scannet_export import export, plan
 from mvsam.errors import InputError
 from mvsam.types import IGNORE
 from tests.data.readers.sens_writer import write_label_zip, write_sens, write_tsv
@@ -61,7 +66,7 @@ def test_frames_without_tracking_are_left_out_and_keep_their_numbers(tmp_path, c
     write_raw(tmp_path / "scan", lost=1)
     scene = open_scene(tmp_path / "scan")
     assert [scene.frame(i).name for i in range(len(scene))] == ["000000", "000002"]
-    assert "1 frames without tracking" in caplog.text
+    assert "1 of 3 frames have no pose" in caplog.text
 
 
 def test_a_missing_category_table_is_noticed_at_once(tmp_path):
@@ -148,6 +153,38 @@ def test_an_exported_scan_comes_back(tmp_path, label_type):
         np.testing.assert_allclose(frame.intrinsics, view.intrinsics, atol=1e-9)
         np.testing.assert_allclose(depth_of(frame), view.depth, atol=0.51e-3)
         assert (labels_of(frame) == 4).all(), "a chair"
+
+
+@pytest.mark.parametrize("label_type", [np.uint8, np.uint16], ids=["nyu40", "raw"])
+def test_an_export_needs_the_category_table_for_raw_ids_alone(tmp_path, label_type):
+    write_exported(tmp_path / "a/b/scan", label_type)
+    table = tmp_path / "a/b/scannetv2-labels.combined.tsv"
+    table = table.rename(tmp_path / table.name)
+    assert (labels_of(open_scene(tmp_path / "a/b/scan").frame(0)) == 4).all()
+    table.unlink()
+    if label_type == np.uint8:
+        assert (labels_of(open_scene(tmp_path / "a/b/scan").frame(0)) == 4).all()
+        return
+    with pytest.raises(InputError, match=r"download-scannet\.py --label_map"):
+        open_scene(tmp_path / "a/b/scan")
+
+
+def test_a_label_picture_of_absurd_size_is_not_unpacked(tmp_path, monkeypatch):
+    write_raw(tmp_path / "scan")
+    monkeypatch.setattr(label_zip, "LARGEST_PICTURE", 2**20)
+    file = tmp_path / "scan/scene0000_00_2d-label-filt.zip"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("label-filt/0.png", bytes(50 * 2**20))
+    tracemalloc.start()
+    with pytest.raises(InputError, match="has more than 1 MB"):
+        label_zip.read_label(file, "label-filt/0.png")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 * 2**20
+    with pytest.raises(InputError, match="has more than 1 MB"):
+        labels_of(open_scene(tmp_path / "scan").frame(0))
+    with pytest.raises(InputError, match="has more than 1 MB"):
+        list(export(plan(tmp_path / "scan", tmp_path / "out")[0], 1))
 
 
 def test_a_photo_without_pose_is_named(tmp_path):

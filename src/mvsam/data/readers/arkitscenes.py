@@ -3,7 +3,6 @@
 Apple measures the principal point from the picture's corner, as we do.
 """
 
-import logging
 from functools import partial
 from pathlib import Path
 
@@ -23,7 +22,6 @@ LONGEST_GAP = 0.005
 _STREAMS = ("vga_wide", "lowres_wide")
 """Folders of pictures, sharper ones first; the depth shows what they show."""
 
-log = logging.getLogger("mvsam")
 Files = list[tuple[float, Path]]
 """(seconds, file), in the order of time."""
 
@@ -52,8 +50,7 @@ def open_arkitscenes(path: Path) -> ListedScene:
         for time, photo in photos
         if (frame := _frame(photo, time, cameras, depths.get(photo.name), trajectory))
     ]
-    log.warning("%s: %d of %d pictures have a pose in time.", path, len(frames), len(photos))
-    return ListedScene(path.resolve().name, frames)
+    return ListedScene(path.resolve().name, frames, num_lost=len(photos) - len(frames))
 
 
 def _frame(

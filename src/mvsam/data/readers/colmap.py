@@ -76,7 +76,8 @@ def open_colmap(path: Path) -> Scene:
         for image in images
     ]
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
-    scene = ListedScene(path.resolve().name, frames, points=points)
+    num_lost = len(model.images) - len(images)
+    scene = ListedScene(path.resolve().name, frames, points=points, num_lost=num_lost)
     scale = metres_a_unit(model, images, depths)
     if scale is None:
         log.warning(

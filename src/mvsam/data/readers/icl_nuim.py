@@ -4,7 +4,6 @@ The renderer's y axes point up: the published focal length in y is -480, and pos
 left-handed world. Negating the y axes of camera and world makes both ours.
 """
 
-import logging
 from functools import partial
 from pathlib import Path
 
@@ -22,8 +21,6 @@ SIZE = (640, 480)
 DEPTH_UNITS = 5000.0
 """In a metre."""
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
-
-log = logging.getLogger("mvsam")
 
 
 def is_icl_nuim(path: Path) -> bool:
@@ -43,10 +40,7 @@ def open_icl_nuim(path: Path) -> ListedScene:
         pose = trajectory.at(float(number), longest_gap=0.0)
         if pose is not None:
             frames.append(_frame(photo, depths.get(number), pose))
-    if len(frames) < len(photos):
-        lost = len(photos) - len(frames)
-        log.warning("%s: %d of %d pictures have no pose.", path, lost, len(photos))
-    return ListedScene(path.resolve().name, frames)
+    return ListedScene(path.resolve().name, frames, num_lost=len(photos) - len(frames))
 
 
 def _frame(photo: Path, depth: Path | None, pose: Float[np.ndarray, "4 4"]) -> Frame:

@@ -1,5 +1,6 @@
 """What most readers return: a scene whose frames are already listed."""
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from mvsam.types import Frame
 HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 """From a calibration that counts pixel centres at integers to the corner convention."""
 
+log = logging.getLogger("mvsam")
+
 
 class ListedScene:
     """A `Scene` of these frames.
@@ -22,6 +25,7 @@ class ListedScene:
     their intrinsics, of which some must be wrong.
 
     points: sparse points of the surfaces in world axes, in the unit of the poses.
+    num_lost: pictures that are left out for want of a pose; a message says so.
     """
 
     def __init__(
@@ -31,6 +35,7 @@ class ListedScene:
         views: list[tuple[int, ...]] | None = None,
         classes: ClassTable = SCANNET20,
         points: Float[np.ndarray, "point 3"] | None = None,
+        num_lost: int = 0,
     ):
         if not frames:
             raise InputError(f"{name}: no frame with a picture and a pose was found there.")
@@ -39,9 +44,15 @@ class ListedScene:
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"{name}: two frames are called {twice}; rename one.")
         _check_shared_intrinsics(name, frames)
+        if num_lost:
+            total = len(frames) + num_lost
+            log.warning(
+                "%s: %d of %d frames have no pose; they are left out.", name, num_lost, total
+            )
         self.name = name
         self.classes = classes
         self.points = points
+        self.num_lost = num_lost
         self._frames = list(frames)
         self._views = views
 

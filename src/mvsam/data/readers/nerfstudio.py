@@ -1,7 +1,8 @@
 """nerfstudio's `transforms.json`: OpenGL axes, intrinsics once or a frame, lenses undistorted.
 
 Pixel centres lie at halves, as COLMAP's do, so nothing is added to the principal point. Our own
-`predict` writes this format too, with `label_file_path` and `confidence_file_path` besides.
+`predict` writes this format too, with `label_file_path`, `confidence_file_path` and `classes.json`
+besides.
 """
 
 import json
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mvsam.data.files import check_map, check_photo, load_depth, load_labels, load_photo
-from mvsam.data.labels import SCANNET20
+from mvsam.data.posed_folder import read_classes
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
 from mvsam.data.undistort import Distortion, undistort
 from mvsam.errors import InputError
@@ -42,15 +43,15 @@ def open_nerfstudio(path: Path) -> ListedScene:
     entries = content.get("frames")
     if not isinstance(entries, list):
         raise InputError(f"{file}: has no list of frames; write it under the key 'frames'.")
-    names = _names(entries, file)
+    names, classes = _names(entries, file), read_classes(path)
     frames = [
-        _frame(path, content, entry, name, f"{file} frame {index}")
+        _frame(path, content, entry, name, len(classes), f"{file} frame {index}")
         for index, (entry, name) in enumerate(zip(entries, names, strict=True))
     ]
     bent = sum(not _distortion({**content, **entry}, str(file)).is_none for entry in entries)
     if bent:
         log.warning("%s: %d pictures are undistorted while they are read.", file, bent)
-    return ListedScene(path.resolve().name, frames)
+    return ListedScene(path.resolve().name, frames, classes=classes)
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -77,7 +78,7 @@ def _names(entries: list, file: Path) -> list[str]:
     return [str(Path(path).with_suffix("")).strip("./").replace("/", "_") for path in paths]
 
 
-def _frame(path: Path, content: dict, entry: dict, name: str, item: str) -> Frame:
+def _frame(path: Path, content: dict, entry: dict, name: str, num_classes: int, item: str) -> Frame:
     photo = _existing(path, entry["file_path"], item)
     size = check_photo(photo)
     intrinsics = _intrinsics({**content, **entry}, size, item)
@@ -93,7 +94,7 @@ def _frame(path: Path, content: dict, entry: dict, name: str, item: str) -> Fram
         world_from_cam=_matrix(entry, item) @ OPENCV_FROM_OPENGL,
         load_image=partial(_load_photo, photo, **pixels),
         load_depth=partial(_load_depth, depth, scale, **pixels) if depth else None,
-        load_labels=partial(_load_labels, labels, **pixels) if labels else None,
+        load_labels=partial(_load_labels, labels, num_classes, **pixels) if labels else None,
     )
     return checked(frame, item)
 
@@ -192,6 +193,8 @@ def _load_depth(
     return depth if distortion.is_none else undistort(depth, intrinsics, distortion, outside=0)
 
 
-def _load_labels(file: Path, intrinsics: np.ndarray, distortion: Distortion) -> np.ndarray:
-    labels = load_labels(file, len(SCANNET20))
+def _load_labels(
+    file: Path, num_classes: int, intrinsics: np.ndarray, distortion: Distortion
+) -> np.ndarray:
+    labels = load_labels(file, num_classes)
     return labels if distortion.is_none else undistort(labels, intrinsics, distortion, IGNORE)

@@ -5,8 +5,6 @@ pictures hold NYU40 ids already.
 """
 
 import io
-import logging
-import zipfile
 from functools import partial
 from pathlib import Path
 
@@ -14,19 +12,24 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image
 
-from mvsam.data.files import check_photo, load_depth, load_matrix, load_photo, load_pixels
+from mvsam.data.files import (
+    DEPTH_MODES,
+    check_photo,
+    load_depth,
+    load_matrix,
+    load_photo,
+    load_pixels,
+    read_header,
+)
 from mvsam.data.nyu40 import find_tsv, from_nyu40, from_raw
 from mvsam.data.posed_folder import read_view_tuples
+from mvsam.data.readers.label_zip import list_labels, read_label
 from mvsam.data.readers.listed import HALF_PIXEL, ListedScene, checked, numbered_files
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.register import read_at_pixels
 from mvsam.data.transforms import resize_nearest
 from mvsam.errors import InputError
 from mvsam.types import Frame
-
-_LARGEST_LABEL_PICTURE = 64 * 2**20
-
-log = logging.getLogger("mvsam")
 
 
 def is_sens(path: Path) -> bool:
@@ -43,14 +46,11 @@ def open_sens(path: Path) -> ListedScene:
         raise InputError(f"{path}: holds {len(files)} .sens files; keep one scan a folder.")
     scan = SensFile(files[0])
     tracked = [i for i, f in enumerate(scan.frames) if np.isfinite(f.world_from_cam).all()]
-    if len(tracked) < len(scan.frames):
-        lost = len(scan.frames) - len(tracked)
-        log.warning("%s: %d frames without tracking are left out.", path, lost)
     labels = _zipped_labels(path, scan.header.color_size)
     frames = [
         checked(scan.frame(i, load_labels=labels.get(i)), f"{files[0]} frame {i}") for i in tracked
     ]
-    return ListedScene(files[0].stem, frames)
+    return ListedScene(files[0].stem, frames, num_lost=len(scan.frames) - len(frames))
 
 
 def is_scannet_folder(path: Path) -> bool:
@@ -63,17 +63,19 @@ def open_scannet_folder(path: Path) -> ListedScene:
     A `views.txt`, as in a posed folder, says which frames are seen together.
     """
     photos = sorted(numbered_files(path / "color", (".jpg", ".png")).items())
-    poses = numbered_files(path / "pose", (".txt",))
+    files = numbered_files(path / "pose", (".txt",))
+    poses = {number: load_matrix(file, 4, 4, "pose") for number, file in files.items()}
+    lost = {number for number, pose in poses.items() if not np.isfinite(pose).all()}
     depths = numbered_files(path / "depth", (".png",))
     label_folder = path / "label-filt" if (path / "label-filt").is_dir() else path / "label"
     labels = numbered_files(label_folder, (".png",))
+    _check_table(path, labels)
     color, depth = _matrix(path, "color"), _matrix(path, "depth") if depths else None
     frames = []
     for number, photo in photos:
         if number not in poses:
             raise InputError(f"{photo}: has no pose/{photo.stem}.txt; export the scan again.")
-        pose = load_matrix(poses[number], 4, 4, "pose")
-        if not np.isfinite(pose).all():
+        if number in lost:
             continue
         size = check_photo(photo)
         depth_file, label_file = depths.get(number), labels.get(number)
@@ -81,22 +83,25 @@ def open_scannet_folder(path: Path) -> ListedScene:
             name=photo.stem,
             size=size,
             intrinsics=color.copy(),
-            world_from_cam=pose,
+            world_from_cam=poses[number],
             load_image=partial(load_photo, photo),
             load_depth=(
                 partial(_load_depth, depth_file, depth, color, size)
                 if depth_file and depth is not None
                 else None
             ),
-            load_labels=partial(_load_labels, label_file, size) if label_file else None,
+            load_labels=partial(_load_labels, label_file, path, size) if label_file else None,
         )
         frames.append(checked(frame, photo))
-    if len(frames) < len(photos):
-        lost = len(photos) - len(frames)
-        log.warning("%s: %d frames without tracking are left out.", path, lost)
     file = path / "views.txt"
     views = read_view_tuples(file, [f.name for f in frames]) if file.exists() else None
-    return ListedScene(path.resolve().name, frames, views)
+    return ListedScene(path.resolve().name, frames, views, num_lost=len(lost))
+
+
+def _check_table(path: Path, labels: dict[int, Path]) -> None:
+    """InputError where the labels are raw ids, as the first tells, and their table is missing."""
+    if labels and read_header(next(iter(labels.values())), "label map")[1] in DEPTH_MODES:
+        find_tsv(path)
 
 
 def _matrix(path: Path, camera: str) -> Float[np.ndarray, "3 3"]:
@@ -116,8 +121,10 @@ def _load_depth(
     return read_at_pixels(load_depth(file), depth_intrinsics, intrinsics, size)
 
 
-def _load_labels(file: Path, size: tuple[int, int]) -> UInt8[np.ndarray, "height width"]:
-    return _to_classes(load_pixels(file, "label map"), file.parent, size, str(file))
+def _load_labels(
+    file: Path, path: Path, size: tuple[int, int]
+) -> UInt8[np.ndarray, "height width"]:
+    return _to_classes(load_pixels(file, "label map"), path, size, str(file))
 
 
 def _to_classes(
@@ -135,28 +142,19 @@ def _zipped_labels(path: Path, size: tuple[int, int]) -> dict:
     if not archives:
         return {}
     find_tsv(path)  # now, not in the middle of a run
-    try:
-        with zipfile.ZipFile(archives[0]) as archive:
-            members = [m for m in archive.infolist() if m.filename.lower().endswith(".png")]
-    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise InputError(f"{archives[0]}: cannot be read ({error}); download it again.") from error
-    by_number = {Path(m.filename).stem: m for m in members}
     return {
-        int(stem): partial(_load_zipped, archives[0], member.filename, size)
-        for stem, member in by_number.items()
-        if stem.isdecimal()
+        number: partial(_load_zipped, archives[0], name, size)
+        for number, name in list_labels(archives[0]).items()
     }
 
 
 def _load_zipped(
-    archive: Path, member: str, size: tuple[int, int]
+    archive: Path, name: str, size: tuple[int, int]
 ) -> UInt8[np.ndarray, "height width"]:
-    item = f"{archive}: {member}"
+    data, item = read_label(archive, name), f"{archive}: {name}"
     try:
-        with zipfile.ZipFile(archive) as file, file.open(member) as stream:
-            data = stream.read(_LARGEST_LABEL_PICTURE)
         with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
             ids = np.array(picture)
-    except Exception as error:  # zipfile and Pillow raise many kinds for damaged data
+    except Exception as error:  # Pillow raises many kinds for damaged data
         raise InputError(f"{item} cannot be read ({error}); download it again.") from error
     return _to_classes(ids, archive.parent, size, item)

@@ -35,8 +35,8 @@ def is_seven_scenes(path: Path) -> bool:
 def open_seven_scenes(path: Path) -> ListedScene:
     """The scene of one sequence's folder (`chess/seq-01`). Lost frames (pose nan) are left out."""
     photos = sorted(path.glob("frame-*.color.png"))
-    found = (_frame(photo) for photo in photos)
-    return ListedScene(path.resolve().name, [frame for frame in found if frame is not None])
+    frames = [frame for photo in photos if (frame := _frame(photo)) is not None]
+    return ListedScene(path.resolve().name, frames, num_lost=len(photos) - len(frames))
 
 
 def _frame(photo: Path) -> Frame | None:

@@ -55,10 +55,7 @@ def open_tum(path: Path) -> ListedScene:
         depth = nearest_in_time(depth_times, time, LONGEST_GAP)
         depth_file = None if depth is None else depths[depth][1]
         frames.append(_frame(path, relative, depth_file, pose, intrinsics, distortion))
-    if len(frames) < len(photos):
-        lost = len(photos) - len(frames)
-        log.warning("%s: %d of %d photos have no pose in time.", path, lost, len(photos))
-    return ListedScene(path.resolve().name, frames)
+    return ListedScene(path.resolve().name, frames, num_lost=len(photos) - len(frames))
 
 
 def _frame(
