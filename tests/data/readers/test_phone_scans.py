@@ -51,6 +51,15 @@ def test_an_interrupted_decoding_goes_on(tmp_path, frames):
     assert len(open_scene(tmp_path)) == 8
 
 
+def test_pictures_without_a_pose_in_time_count_as_lost(tmp_path, frames, caplog):
+    write_ios_logger(frames, tmp_path)
+    poses = (tmp_path / "ARposes.txt").read_text().splitlines()
+    (tmp_path / "ARposes.txt").write_text("\n".join(poses[:5]))
+    scene = open_scene(tmp_path)
+    assert getattr(scene, "num_lost", 0) == 8 - len(scene) > 0
+    assert "frames have no pose" in caplog.text
+
+
 @pytest.mark.parametrize(
     "file, text, message",
     [

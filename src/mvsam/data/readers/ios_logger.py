@@ -53,7 +53,7 @@ def open_ios_logger(path: Path) -> ListedScene:
         for number, (camera, pose) in shots.items()
         if number in pictures
     ]
-    return ListedScene(path.resolve().name, frames)
+    return ListedScene(path.resolve().name, frames, num_lost=len(pictures) - len(frames))
 
 
 Shots = dict[int, tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]]
