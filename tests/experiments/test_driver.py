@@ -8,8 +8,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 from safetensors.torch import load_file
 
 from mvsam import weights
@@ -29,6 +31,7 @@ from mvsam.model import MultiViewSAM
 from mvsam.weights import load_into, read_info, read_tensors, save
 from tests.experiments.conftest import write_labelled_folder
 from tests.experiments.small_run import (
+    drive,
     gradients_of_one_step,
     run,
     small_experiment,
@@ -216,6 +219,28 @@ def test_a_run_has_as_many_classes_as_its_data(data: Path, tmp_path: Path):
     twenty = replace(experiment, model=replace(experiment.model, num_classes=20))
     with pytest.raises(InputError, match=r"num-classes 20, but .*own has 2 classes"):
         classes_of(twenty)
+
+
+def test_a_run_that_weighs_the_rooms_classes_trains_on_a_user_s_own(
+    data: Path, tmp_path: Path, caplog
+):
+    own = shutil.copytree(data, tmp_path / "own")
+    names = SCANNET20.names[:12]
+    table = [{"name": name, "color": [i, i, i]} for i, name in enumerate(names)]
+    (own / "classes.json").write_text(json.dumps(table))
+    for path in (own / "labels").iterdir():
+        Image.fromarray(np.minimum(np.asarray(Image.open(path)), 11)).save(path)
+    experiment = replace(small_experiment(own, 1, "auto"), loss=find_run("tiny").loss)
+    target = drive(experiment, tmp_path / "run", devices=1)
+    assert "the run weighs 20 classes and the data have 12" in caplog.text
+    assert read_info(target.with_suffix(".json")).num_classes == 12
+    saved = json.loads((tmp_path / "run" / "experiment.json").read_text())
+    assert saved["loss"]["class_weights"] is None
+
+
+def test_class_weights_stay_where_the_data_have_as_many_classes():
+    experiment = find_run("tiny")
+    assert driver._with_classes(experiment, 20).loss == experiment.loss
 
 
 def test_fine_tuning_takes_a_training_checkpoint(finished: Path):
