@@ -262,6 +262,16 @@ def test_measured_depth_cannot_serve_another_reference(evaluated):
         model.decode(model.encode(views), views, reference=1)
 
 
+@pytest.mark.parametrize("reference", [-1, 3])
+def test_a_reference_that_is_no_view_is_refused(evaluated, reference: int):
+    """-1 would be view 2 as reference and once more among its own sources."""
+    model, views = evaluated("cas_mvsnet"), random_views(num_views=3)
+    with torch.no_grad(), pytest.raises(ValueError, match=f"reference {reference} of views 0 to 2"):
+        model.decode(model.encode(views), views, reference)
+    with pytest.raises(ValueError, match="of views 0 to 2"):
+        views.with_reference(reference)
+
+
 def test_depth_range_is_each_item_s_own(evaluated):
     model, views = evaluated("cas_mvsnet"), random_views(batch=2)
     ranged = replace(views, depth_range=torch.tensor([[0.1, 5.0], [1.0, 2.0]]))

@@ -105,11 +105,11 @@ class MultiViewSAM(Model):
     def decode(self, features: Features, views: Views, reference: int = 0) -> Prediction:
         """Steps (4) to (6) for one view as reference: cascade, prompt, decoder (Sec. 3.2, 3.3).
 
-        Raises ValueError for another reference than 0 where `views` brings a measured depth,
-        which belongs to view 0.
+        Raises ValueError for a reference that is no view, and for another than 0 where `views`
+        brings a measured depth, which belongs to view 0.
         """
         if reference:
-            order = [reference, *(i for i in range(views.num_views) if i != reference)]
+            order = views.reference_first(reference)
             features, views = features.select(order), views.with_reference(reference)
         stages = self.cascade(features.pyramid, views) if self.cascade else []
         depth = stages[-1].depth if stages else None
