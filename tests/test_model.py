@@ -293,6 +293,19 @@ def test_labelling_a_photo_alone_equals_predicting_it_with_its_own_depth_as_meas
     torch.testing.assert_close(alone.logits, whole.logits, atol=1e-4, rtol=1e-4)
 
 
+@pytest.mark.parametrize("part", ["bridge", "cascade", "prompt", "decoder", "geometry_encoder"])
+def test_a_part_without_its_counterpart_is_refused(part: str):
+    lone = getattr(small_model("tiny"), part)
+    with pytest.raises(ValueError, match=f"the {part} needs"):
+        MultiViewSAM(**{part: lone})
+
+
+def test_a_convolutional_decoder_is_given_no_prompt():
+    parts, decoder = small_model("tiny"), small_model("tiny_sam_conv").decoder
+    with pytest.raises(ValueError, match="takes no prompt"):
+        MultiViewSAM(semantic_encoder=parts.semantic_encoder, prompt=parts.prompt, decoder=decoder)
+
+
 def test_a_model_without_a_decoder_cannot_label_photos(evaluated):
     with pytest.raises(ValueError, match="no decoder"):
         evaluated("cas_mvsnet").segment(random_views(measured=True))
