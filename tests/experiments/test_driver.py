@@ -204,6 +204,7 @@ def test_the_last_checkpoint_is_loaded_with_the_run_s_own_record(finished: Path,
     monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     model = weights.load(str(finished / "last.ckpt"))
     assert model.info.training["run"] == "small"  # pyright: ignore
+    assert model.input_size == (SIDE, SIDE)
     expected = load_file(finished / "model.safetensors")
     assert all(torch.equal(v, expected[k]) for k, v in model.state_dict().items())
 
@@ -219,6 +220,11 @@ def test_a_run_has_as_many_classes_as_its_data(data: Path, tmp_path: Path):
     twenty = replace(experiment, model=replace(experiment.model, num_classes=20))
     with pytest.raises(InputError, match=r"num-classes 20, but .*own has 2 classes"):
         classes_of(twenty)
+
+
+def test_weights_remember_the_size_of_the_pictures_they_were_trained_on(finished: Path):
+    """`mvsam predict` resizes photos to it: a decoder trained at half size is lost at full size."""
+    assert read_info(finished / "model.json").input_size == (SIDE, SIDE)
 
 
 def test_a_run_that_weighs_the_rooms_classes_trains_on_a_user_s_own(

@@ -129,6 +129,7 @@ def _model_of_run(experiment: Experiment, device: str, is_resumed: bool) -> Mode
     config = experiment.model.without_files() if is_resumed else experiment.model
     model = initial_model(config, device)
     check_model(experiment, model)
+    model.input_size = experiment.data.size
     model.semantic_size = experiment.data.semantic_size
     return model
 
