@@ -112,6 +112,14 @@ def test_every_command_and_option_of_the_documentation_exists(page: Path):
             assert re.search(rf"{re.escape(option)}[\s,]", known), f"{page.name}: {verb} {option}"
 
 
+def test_the_tree_of_the_readme_has_every_file_and_folder_of_the_package():
+    tree = (ROOT / "README.md").read_text().partition("src/mvsam/\n")[2].partition("```")[0]
+    named = set(re.findall(r"^  (\S+)", tree, re.M))
+    files = {path.name for path in SOURCE.glob("*.py")} - {"__init__.py"}
+    folders = {f"{path.parent.name}/" for path in SOURCE.glob("*/__init__.py")}
+    assert files | folders | {"assets/"} == named
+
+
 VERBS = [
     "demo",
     "predict",

@@ -262,6 +262,16 @@ def test_measured_depth_cannot_serve_another_reference(evaluated):
         model.decode(model.encode(views), views, reference=1)
 
 
+@pytest.mark.parametrize("reference", [-1, 3])
+def test_a_reference_that_is_no_view_is_refused(evaluated, reference: int):
+    """-1 would be view 2 as reference and once more among its own sources."""
+    model, views = evaluated("cas_mvsnet"), random_views(num_views=3)
+    with torch.no_grad(), pytest.raises(ValueError, match=f"reference {reference} of views 0 to 2"):
+        model.decode(model.encode(views), views, reference)
+    with pytest.raises(ValueError, match="of views 0 to 2"):
+        views.with_reference(reference)
+
+
 def test_depth_range_is_each_item_s_own(evaluated):
     model, views = evaluated("cas_mvsnet"), random_views(batch=2)
     ranged = replace(views, depth_range=torch.tensor([[0.1, 5.0], [1.0, 2.0]]))
@@ -281,6 +291,19 @@ def test_labelling_a_photo_alone_equals_predicting_it_with_its_own_depth_as_meas
         alone = model.segment(replace(views, measured_depth=whole.depth))
     assert alone.depth is None and alone.logits is not None
     torch.testing.assert_close(alone.logits, whole.logits, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("part", ["bridge", "cascade", "prompt", "decoder", "geometry_encoder"])
+def test_a_part_without_its_counterpart_is_refused(part: str):
+    lone = getattr(small_model("tiny"), part)
+    with pytest.raises(ValueError, match=f"the {part} needs"):
+        MultiViewSAM(**{part: lone})
+
+
+def test_a_convolutional_decoder_is_given_no_prompt():
+    parts, decoder = small_model("tiny"), small_model("tiny_sam_conv").decoder
+    with pytest.raises(ValueError, match="takes no prompt"):
+        MultiViewSAM(semantic_encoder=parts.semantic_encoder, prompt=parts.prompt, decoder=decoder)
 
 
 def test_a_model_without_a_decoder_cannot_label_photos(evaluated):

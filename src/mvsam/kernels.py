@@ -41,18 +41,23 @@ def load_kernel(source: Path) -> ctypes.CDLL | None:
         return None
     compiler = which("c++") or which("g++") or which("clang++")
     key = hashlib.sha256(source.read_bytes() + " ".join(_FLAGS).encode() + _processor()).hexdigest()
-    folder = Path(os.environ.get("MVSAM_CACHE", Path.home() / ".cache" / "mvsam"))
-    library = folder / f"{source.stem}-{key[:16]}.so"
     try:
+        library = _cache_folder() / f"{source.stem}-{key[:16]}.so"
         if not library.exists():
             if compiler is None:
                 _log.info("no C++ compiler found: %s runs in plain PyTorch, slower", source.stem)
                 return None
             _compile(compiler, source, library)
         return ctypes.CDLL(str(library))
-    except (OSError, subprocess.CalledProcessError) as error:
+    except (OSError, RuntimeError, subprocess.CalledProcessError) as error:
         _log.warning("%s could not be built (%s): PyTorch instead", source.name, error)
         return None
+
+
+def _cache_folder() -> Path:
+    """RuntimeError without a home: containers run under user ids that have none."""
+    named = os.environ.get("MVSAM_CACHE")
+    return Path(named) if named else Path.home() / ".cache" / "mvsam"
 
 
 def _processor() -> bytes:

@@ -44,10 +44,21 @@ class Features:
         )
 
 
+PARTS_NEEDED = {
+    "geometry_encoder": ("cascade",),
+    "bridge": ("geometry_encoder", "semantic_encoder"),
+    "cascade": ("geometry_encoder",),
+    "prompt": ("decoder",),
+    "decoder": ("semantic_encoder",),
+}
+"""What each part works with; without it a part would be passed over in silence."""
+
+
 class MultiViewSAM(Model):
     """The network of "Joint Depth Prediction and Semantic Segmentation with Multi-View SAM".
 
     It is put together from built parts (`assemblies/`); a part that an ablation lacks is None.
+    Raises ValueError for a part whose counterpart in `PARTS_NEEDED` is missing.
     prompt_passes_gradient: whether the segmentation loss reaches the depth through the prompt. The
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
@@ -72,6 +83,11 @@ class MultiViewSAM(Model):
         self.decoder = decoder
         self.prompt_passes_gradient = prompt_passes_gradient
         self.reads_depth = prompt is not None and cascade is None
+        for part, needed in PARTS_NEEDED.items():
+            if getattr(self, part) is not None and any(getattr(self, n) is None for n in needed):
+                raise ValueError(f"the {part} needs {' and '.join(needed)}")
+        if prompt is not None and isinstance(decoder, ConvDecoder):
+            raise ValueError("a ConvDecoder takes no prompt; leave the prompt out")
         if decoder is not None:
             self.num_classes = decoder.num_classes
 
@@ -106,11 +122,11 @@ class MultiViewSAM(Model):
     def decode(self, features: Features, views: Views, reference: int = 0) -> Prediction:
         """Steps (4) to (6) for one view as reference: cascade, prompt, decoder (Sec. 3.2, 3.3).
 
-        Raises ValueError for another reference than 0 where `views` brings a measured depth,
-        which belongs to view 0.
+        Raises ValueError for a reference that is no view, and for another than 0 where `views`
+        brings a measured depth, which belongs to view 0.
         """
         if reference:
-            order = [reference, *(i for i in range(views.num_views) if i != reference)]
+            order = views.reference_first(reference)
             features, views = features.select(order), views.with_reference(reference)
         stages = self.cascade(features.pyramid, views) if self.cascade else []
         depth = stages[-1].depth if stages else None

@@ -111,7 +111,13 @@ class Views(_TensorStruct):
         """The same views, this one first; ValueError if the measured depth is another's."""
         if reference and self.measured_depth is not None:
             raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
-        return self.select([reference, *(i for i in range(self.num_views) if i != reference)])
+        return self.select(self.reference_first(reference))
+
+    def reference_first(self, reference: int) -> list[int]:
+        """Every view once, this one first; ValueError for a number that no view has."""
+        if reference not in range(self.num_views):
+            raise ValueError(f"reference {reference} of views 0 to {self.num_views - 1}")
+        return [reference, *(i for i in range(self.num_views) if i != reference)]
 
     def select(self, order: list[int]) -> "Views":
         """These views, in this order; the measured depth stays that of view 0."""

@@ -7,6 +7,7 @@ from segment_anything.utils.transforms import ResizeLongestSide
 from torch import nn
 
 from mvsam.encoders.sam import ConvStem, SamEncoder, resample_valid, sam_vit_b
+from mvsam.errors import InputError
 from tests.encoders.sam_twin import copy_weights, original_encoder, randomize
 from tests.small import SIDE, small_backbone
 
@@ -21,6 +22,13 @@ def small_encoder(tuned_blocks: int | None = None) -> SamEncoder:
 def test_vit_b_has_the_parameters_of_the_released_encoder():
     with torch.device("meta"):
         assert sum(p.numel() for p in sam_vit_b().parameters()) == 89_670_912
+
+
+@pytest.mark.parametrize("count", [-1, 5])
+def test_tuned_blocks_that_the_encoder_does_not_have_are_refused(count: int):
+    """-1 would tune all blocks but the first."""
+    with pytest.raises(InputError, match=f"{count} tuned blocks of an encoder that has 4"):
+        small_encoder(tuned_blocks=count)
 
 
 def test_backbone_equals_the_original_encoder_with_equal_weights():

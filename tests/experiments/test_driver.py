@@ -8,8 +8,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 from safetensors.torch import load_file
 
 from mvsam import weights
@@ -29,6 +31,7 @@ from mvsam.model import MultiViewSAM
 from mvsam.weights import load_into, read_info, read_tensors, save
 from tests.experiments.conftest import write_labelled_folder
 from tests.experiments.small_run import (
+    drive,
     gradients_of_one_step,
     run,
     small_experiment,
@@ -201,6 +204,7 @@ def test_the_last_checkpoint_is_loaded_with_the_run_s_own_record(finished: Path,
     monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     model = weights.load(str(finished / "last.ckpt"))
     assert model.info.training["run"] == "small"  # pyright: ignore
+    assert model.input_size == (SIDE, SIDE)
     expected = load_file(finished / "model.safetensors")
     assert all(torch.equal(v, expected[k]) for k, v in model.state_dict().items())
 
@@ -216,6 +220,33 @@ def test_a_run_has_as_many_classes_as_its_data(data: Path, tmp_path: Path):
     twenty = replace(experiment, model=replace(experiment.model, num_classes=20))
     with pytest.raises(InputError, match=r"num-classes 20, but .*own has 2 classes"):
         classes_of(twenty)
+
+
+def test_weights_remember_the_size_of_the_pictures_they_were_trained_on(finished: Path):
+    """`mvsam predict` resizes photos to it: a decoder trained at half size is lost at full size."""
+    assert read_info(finished / "model.json").input_size == (SIDE, SIDE)
+
+
+def test_a_run_that_weighs_the_rooms_classes_trains_on_a_user_s_own(
+    data: Path, tmp_path: Path, caplog
+):
+    own = shutil.copytree(data, tmp_path / "own")
+    names = SCANNET20.names[:12]
+    table = [{"name": name, "color": [i, i, i]} for i, name in enumerate(names)]
+    (own / "classes.json").write_text(json.dumps(table))
+    for path in (own / "labels").iterdir():
+        Image.fromarray(np.minimum(np.asarray(Image.open(path)), 11)).save(path)
+    experiment = replace(small_experiment(own, 1, "auto"), loss=find_run("tiny").loss)
+    target = drive(experiment, tmp_path / "run", devices=1)
+    assert "the run weighs 20 classes and the data have 12" in caplog.text
+    assert read_info(target.with_suffix(".json")).num_classes == 12
+    saved = json.loads((tmp_path / "run" / "experiment.json").read_text())
+    assert saved["loss"]["class_weights"] is None
+
+
+def test_class_weights_stay_where_the_data_have_as_many_classes():
+    experiment = find_run("tiny")
+    assert driver._with_classes(experiment, 20).loss == experiment.loss
 
 
 def test_fine_tuning_takes_a_training_checkpoint(finished: Path):

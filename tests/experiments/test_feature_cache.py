@@ -23,7 +23,7 @@ def test_a_run_on_a_frozen_encoder_may_keep_its_features(tmp_path: Path, monkeyp
         initial_model(ModelConfig("cas_mvsnet", feature_cache=str(tmp_path)))
 
 
-@pytest.mark.parametrize("change", [{"mirror": True}, {"color_jitter": 0.2}])
+@pytest.mark.parametrize("change", [{"mirror": True}, {"color_jitter": 0.2}, {"singles": "nyu"}])
 def test_pictures_that_never_come_again_are_not_kept(tmp_path: Path, change: dict):
     model = ModelConfig("base", feature_cache=str(tmp_path))
     experiment = Experiment("mine", "", model=model, data=replace(DataConfig(), **change))

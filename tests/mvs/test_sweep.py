@@ -1,6 +1,7 @@
 """The compiled plane sweep against its specification, `textbook_variance_volume`."""
 
 import logging
+from pathlib import Path
 
 import pytest
 import torch
@@ -133,6 +134,26 @@ def test_a_broken_compiler_falls_back_with_a_warning(monkeypatch, fresh_kernel, 
     assert "could not be built" in caplog.text
     arguments = problem()
     assert torch.equal(variance_volume(*arguments), textbook_variance_volume(*arguments))
+
+
+def homeless() -> Path:
+    """What `Path.home` does for a user id that no account belongs to, without $HOME."""
+    raise RuntimeError("Could not determine home directory.")
+
+
+def test_a_user_without_a_home_gets_the_textbook_and_a_warning(monkeypatch, fresh_kernel, caplog):
+    monkeypatch.delenv("MVSAM_CACHE", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    with caplog.at_level(logging.WARNING):
+        assert load_kernel(sweep.SOURCE) is None
+    assert "home directory" in caplog.text
+
+
+@needs_kernel
+def test_a_user_without_a_home_may_name_the_kernels_folder(monkeypatch, fresh_kernel, tmp_path):
+    monkeypatch.setenv("MVSAM_CACHE", str(tmp_path))
+    monkeypatch.setattr(Path, "home", homeless)
+    assert load_kernel(sweep.SOURCE) is not None
 
 
 def test_without_a_compiler_the_textbook_serves(monkeypatch, fresh_kernel, tmp_path):

@@ -49,6 +49,8 @@ class SamEncoder(nn.Module):
     input_side: longer side of the picture for SAM, pixels (SAM: 1024).
     patch_size: pixels a token (SAM: 16).
     tuned_blocks: how many of the last blocks learn, with the neck (the paper: 0 to 3); None: all.
+
+    Raises InputError for more tuned blocks than there are, or fewer than none.
     """
 
     feature_cache: FeatureCache | None = None
@@ -62,6 +64,12 @@ class SamEncoder(nn.Module):
         tuned_blocks: int | None = 0,
     ):
         super().__init__()
+        num_blocks = len(backbone.blocks)
+        if tuned_blocks is not None and not 0 <= tuned_blocks <= num_blocks:
+            raise InputError(
+                f"{tuned_blocks} tuned blocks of an encoder that has {num_blocks}: give 0 to "
+                f"{num_blocks}."
+            )
         self.backbone = backbone
         self.input_side = input_side
         self.patch_size = patch_size

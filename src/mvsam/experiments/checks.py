@@ -28,10 +28,11 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
             f"run {run}: pictures of {data.size[0]}x{data.size[1]}; both sides of --data.size must "
             "be divisible by 32."
         )
-    if experiment.model.feature_cache and (data.mirror or data.color_jitter):
+    if experiment.model.feature_cache and (data.mirror or data.color_jitter or data.singles):
         raise InputError(
             f"run {run}: --model.feature-cache keeps features of pictures that come again, and "
-            "--data.mirror and --data.color-jitter change them; leave one of them out."
+            "--data.mirror, --data.color-jitter and --data.singles (parts of photos) change them "
+            "every time; leave one of them out."
         )
     fewest = data.fewest_views or data.num_views
     if data.references > fewest:

@@ -65,7 +65,7 @@ def train(
     device = device_of(accelerator)
     _prepare_process(experiment.train.seed, device, devices)
     classes = classes_of(experiment)
-    experiment = _with_num_classes(experiment, len(classes))
+    experiment = _with_classes(experiment, len(classes))
     last = _checkpoint_to_resume(folder)
     if last is not None:
         warn_of_changes(experiment, folder / RUN_PAGE)
@@ -94,11 +94,22 @@ def _prepare_process(seed: int, device: str, devices: int) -> None:
         torch.set_num_threads(1)  # two threads in each of two processes wait for each other
 
 
-def _with_num_classes(experiment: Experiment, num_classes: int) -> Experiment:
-    """The experiment with its own number of classes where it has one, else with this one."""
-    if experiment.model.num_classes is not None:
+def _with_classes(experiment: Experiment, num_classes: int) -> Experiment:
+    """The experiment for data of so many classes, without class weights that are of others.
+
+    The runs of the package weigh the classes of the rooms; on a user's own classes all count alike.
+    """
+    experiment = replace(experiment, model=replace(experiment.model, num_classes=num_classes))
+    weights = getattr(experiment.loss, "class_weights", None)
+    if weights is None or len(weights) == num_classes:
         return experiment
-    return replace(experiment, model=replace(experiment.model, num_classes=num_classes))
+    log.warning(
+        "the run weighs %d classes and the data have %d: all of them count alike.",
+        len(weights),
+        num_classes,
+    )
+    loss = replace(experiment.loss, class_weights=None)  # pyright: ignore
+    return replace(experiment, loss=loss)
 
 
 def _checkpoint_to_resume(folder: Path) -> Path | None:
@@ -118,6 +129,7 @@ def _model_of_run(experiment: Experiment, device: str, is_resumed: bool) -> Mode
     config = experiment.model.without_files() if is_resumed else experiment.model
     model = initial_model(config, device)
     check_model(experiment, model)
+    model.input_size = experiment.data.size
     model.semantic_size = experiment.data.semantic_size
     return model
 

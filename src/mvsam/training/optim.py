@@ -119,6 +119,7 @@ class OptimizerConfig:
     sam_lr: float = 1e-4
     """For the tuned blocks of a pre-trained SAM encoder."""
     weight_decay: float = 1e-2
+    """Of everything that learns, norms and biases too: Sec. 4.1 makes no exception."""
     steps: int = 100_000
     """Optimiser steps of the whole run."""
     gradient_clip: float | None = None

@@ -96,7 +96,7 @@ def save(
         classes=classes,
         palette=palette,
         depth_range=depth_range,
-        input_size=model_spec(name).input_size,
+        input_size=getattr(model, "input_size", model_spec(name).input_size),
         semantic_size=getattr(model, "semantic_size", None),
         training=training or {},
     )

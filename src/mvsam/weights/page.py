@@ -26,7 +26,7 @@ class WeightsInfo:
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres, as trained."""
     input_size: tuple[int, int] = (320, 256)
-    """(width, height), pixels."""
+    """(width, height) of the pictures it was trained on, pixels."""
     semantic_size: tuple[int, int] | None = None
     """(width, height) of the photos for the semantic encoder; none: it sees those of input_size."""
     training: dict[str, Any] = field(default_factory=dict)
@@ -58,7 +58,7 @@ def _info_of_run(experiment: dict[str, Any]) -> dict[str, Any]:
         "classes": experiment.get("classes", ()),
         "palette": experiment.get("palette", ()),
         "depth_range": experiment["data"]["depth_range"],
-        "input_size": model_spec(model["name"]).input_size,
+        "input_size": experiment["data"]["size"],
         "semantic_size": experiment["data"].get("semantic_size"),
         "training": {"run": experiment["name"], "commit": experiment["commit"]},
     }
