@@ -77,7 +77,7 @@ def test_rooms_rows_share_data_size_and_number_of_pictures_a_step():
     for run in ROOMS.values():
         data = run.experiment.data
         assert (data.train, data.size, data.semantic_size) == (
-            "rooms:train:0-1600",
+            "rooms:train:10000-10800",
             (160, 128),
             None,
         )

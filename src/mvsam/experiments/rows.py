@@ -2,7 +2,7 @@
 
 A row is one method of the paper. `scannet` trains it as the paper says, at the paper's size.
 `rooms` trains all rows on the same procedural rooms at 160x128, those with SAM in the sizes of
-`tiny`; the rows that the paper's claims rest on for as long as it takes, the others for an eighth
+`tiny`; the rows that the paper's claims rest on for as long as it takes, the others for a sixteenth
 of that, which says that they run and no more.
 """
 

@@ -56,7 +56,7 @@ def test_text_has_every_method_the_data_and_the_protocol(lines: dict[str, Line],
     words = " ".join(text.split())
     for row in TABLE.rows:
         assert row.method in text
-    assert "rooms:test:0-60, protocol half; trained on rooms:train:0-1600" in words
+    assert "rooms:test:0-60, protocol half; trained on rooms:train:10000-10800" in words
     assert "nothing is to be concluded" in words and "from scratch" in words
 
 
