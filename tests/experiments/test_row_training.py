@@ -184,3 +184,5 @@ def test_results_of_fewer_steps_are_not_enough(job: Job, folders: Folders):
     assert not is_done(job, folders)
     path.write_text(json.dumps(replace(page, steps=2).__dict__))
     assert is_done(job, folders)
+    path.write_text(json.dumps(replace(page, steps=2, data="rooms:test:0-1").__dict__))
+    assert not is_done(job, folders), "the row is scored on other data by now"

@@ -86,19 +86,23 @@ def read_measured(folder: Path, run: RowRun) -> Measured | None:
     """
     name = run.experiment.name
     paths = sorted(folder.glob(f"{name}-*.json"))
-    found = [result for path in paths if _fits(result := read_result(path), run, path)]
+    results = {path: read_result(path) for path in paths}
+    for path, result in results.items():
+        if not is_scored_as(result, run):
+            log.warning(
+                "%s: was scored on other data or otherwise than the row is; it is left out.", path
+            )
+    found = [result for result in results.values() if is_scored_as(result, run)]
     if not found:
         return None
     longest = max(result.pictures for result in found)
     return together([result for result in found if result.pictures == longest])
 
 
-def _fits(result: Result, run: RowRun, path: Path) -> bool:
+def is_scored_as(result: Result, run: RowRun) -> bool:
+    """Whether the data, the protocol and the number of views are those of the row."""
     expected = (run.experiment.name, run.scored_on, run.protocol, run.views)
-    if (result.run, result.data, result.protocol, result.views) == expected:
-        return True
-    log.warning("%s: was scored on other data or otherwise than the row is; it is left out.", path)
-    return False
+    return (result.run, result.data, result.protocol, result.views) == expected
 
 
 def together(results: Sequence[Result]) -> Measured:

@@ -16,7 +16,13 @@ from mvsam.evaluation.evaluate import evaluate
 from mvsam.evaluation.protocols import PROTOCOLS
 from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.driver import LAST, WEIGHTS, device_of, train
-from mvsam.experiments.results import Result, read_result, result_path, write_result
+from mvsam.experiments.results import (
+    Result,
+    is_scored_as,
+    read_result,
+    result_path,
+    write_result,
+)
 from mvsam.experiments.rows import RowRun, pictures_of
 from mvsam.experiments.runs import RUNS
 from mvsam.precision import autocast
@@ -87,9 +93,12 @@ def jobs_of(
 
 
 def is_done(job: Job, folders: Folders) -> bool:
-    """Whether there is a result of so many steps, or more."""
+    """Whether there is a result of so many steps, or more, that was scored as the row is now."""
     path = result_path(folders.results, job.run.experiment.name, job.seed)
-    return path.exists() and read_result(path).steps >= job.steps
+    if not path.exists():
+        return False
+    result = read_result(path)
+    return result.steps >= job.steps and is_scored_as(result, job.run)
 
 
 @contextmanager
