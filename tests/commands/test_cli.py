@@ -160,6 +160,13 @@ def test_eval_prints_the_scores_as_json(model: FakeModel, room: str, capsys):
     assert set(scores["scenes"]) == {"room"}
 
 
+def test_eval_of_a_model_that_reads_depth_asks_for_it(model: FakeModel, tmp_path: Path, capsys):
+    model.reads_depth = True
+    write_posed_folder(tmp_path / "room", 4, (128, 96), depth=False)
+    assert main(["eval", "any", "--data", str(tmp_path / "room"), "--device", "cpu"]) == 2
+    assert "has no measured depth" in capsys.readouterr().err
+
+
 def test_eval_prints_a_table(model: FakeModel, room: str, capsys):
     assert main(["eval", "any", "--data", room, "--device", "cpu"]) == 0
     out = capsys.readouterr().out

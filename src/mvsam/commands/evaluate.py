@@ -79,6 +79,11 @@ class Evaluate:
         model = load_model(_weights_of(self.model), self.device)
         samples = self._samples(protocol, model)
         chosen = evenly_spaced([(index,) for index in range(len(samples))], self.limit)
+        if model.reads_depth and chosen and samples[0][1].measured_depth is None:
+            raise InputError(
+                f"{self.data}: its first photo has no measured depth, which {self.model} reads; "
+                "choose a model of RGB views (mvsam models)."
+            )
         device = next(model.parameters()).device.type
         with progress_bar() as progress, autocast(device, self.precision):
             task = progress.add_task(f"evaluate {self.model}", total=len(chosen))
