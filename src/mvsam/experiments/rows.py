@@ -70,7 +70,7 @@ class RowRun:
     """Pictures it must have been trained on to carry a claim."""
 
 
-_SAM, _SEMANTIC = "sam_vit_b_01ec64.pth", "runs/tiny_semantic/model.safetensors"
+_SAM = "sam_vit_b_01ec64.pth"
 
 
 def _ready_made(name: str, recipe: Recipe, *, has_imagenet: bool = True, **settings) -> Row:
@@ -80,12 +80,12 @@ def _ready_made(name: str, recipe: Recipe, *, has_imagenet: bool = True, **setti
 
 
 def _with_sam(name: str, model: str, tiny: str, tuned_blocks: int, **settings) -> Row:
-    """SAM's ViT-B with its weights, or `tiny`'s with those of the run `tiny_semantic`."""
+    """SAM's ViT-B with its weights, or `tiny`'s with those that come with the package."""
     return Row(
         name,
         recipes.PAPER,
         ModelConfig(model, tuned_blocks=tuned_blocks, sam_checkpoint=_SAM),
-        ModelConfig(tiny, tuned_blocks=tuned_blocks, semantic_encoder=_SEMANTIC),
+        ModelConfig(tiny, tuned_blocks=tuned_blocks, semantic_encoder="tiny"),
         is_long=True,
         **settings,
     )

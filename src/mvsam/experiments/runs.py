@@ -47,32 +47,22 @@ _CLASS_WEIGHTS = (
 1. Without them the rare third of the classes is never predicted after hours."""
 _LOSS = JointLoss(class_weights=_CLASS_WEIGHTS)
 
-_SEMANTIC = "runs/tiny_semantic/model.safetensors"
 _SEMANTIC_FULL = "runs/tiny_semantic_full/model.safetensors"
 
 _RUNS = (
     Experiment(
-        name="tiny_semantic",
-        about="First stage of `tiny`: its semantic half on single pictures, prompted with true "
-        "depth, in place of SAM's pre-training. SAM sees them at full size, all else at half.",
-        model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
-        data=replace(_SINGLE, size=(160, 128), semantic_size=(320, 256)),
-        loss=_LOSS,
-        optimizer=OptimizerConfig(lr=6e-4, steps=2000, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=8, val_every=400, checkpoint_every=100),
-    ),
-    Experiment(
         name="tiny_semantic_full",
-        about="Second stage of `tiny`: its semantic half at the size it is used at.",
+        about="First stage of `tiny`: its semantic half on single pictures, prompted with true "
+        "depth, in place of SAM's pre-training.",
         model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
         data=_SINGLE,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=6e-4, steps=1000, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=8, val_every=250, checkpoint_every=50),
+        optimizer=OptimizerConfig(lr=6e-4, steps=2400, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=8, val_every=300, checkpoint_every=50),
     ),
     Experiment(
         name="tiny",
-        about="Third stage of `tiny`, at the size it is used at; its depth goes on from the "
+        about="Second stage of `tiny`, at the size it is used at; its depth goes on from the "
         "weights that come with the package.",
         model=ModelConfig("tiny", init=("tiny", _SEMANTIC_FULL)),
         data=_FULL,
