@@ -48,6 +48,21 @@ def test_colmap_finds_the_poses_of_photos_up_to_scale(tmp_path, caplog):
     assert "has a COLMAP model already" in caplog.text
 
 
+def test_a_bad_first_pair_of_few_photos_gets_another_chance(tmp_path, monkeypatch):
+    pytest.importorskip("pycolmap")
+    drawn, largest = [], structure._largest_model
+
+    def unlucky_at_first(pycolmap, photos, files, work, seed):
+        drawn.append(seed)
+        size, model = largest(pycolmap, photos, files, work, seed)
+        return (2 if seed == 0 else size), model
+
+    monkeypatch.setattr(structure, "_largest_model", unlucky_at_first)
+    shutil.copytree(SAMPLE / "color", tmp_path / "photos")
+    assert len(open_scene(tmp_path / "photos", poses="colmap")) == 5
+    assert drawn[:2] == [0, 1] and len(drawn) < structure.TRIES
+
+
 def test_photos_without_poses_are_told_of_the_way_to_find_some(tmp_path):
     shutil.copytree(SAMPLE / "color", tmp_path / "photos")
     with pytest.raises(InputError, match="let --poses colmap find the poses"):
