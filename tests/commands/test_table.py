@@ -38,7 +38,7 @@ def test_measured_rows_come_from_the_folder_of_results(here: Path, capsys):
         (["6", "--csv"], "Table 6 is a picture"),
         (["1", "--train", "--rows", "mtan"], "Table 1 has no row mtan; rows: mvs2d"),
         (["1", "--train", "--steps", "0"], "must be 1 or more"),
-        (["4", "--train", "--rows", "sam_conv"], "`mvsam train tiny_semantic` makes it"),
+        (["4", "--data", "scannet", "--train", "--rows", "sam_conv"], "segment-anything"),
         (["7"], ""),
     ],
 )

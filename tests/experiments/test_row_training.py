@@ -129,7 +129,7 @@ def test_all_rows_can_have_the_same_steps_and_seeds():
     "config, remedy",
     [
         (
-            ModelConfig("tiny", semantic_encoder="runs/tiny_semantic/model.safetensors"),
+            ModelConfig("tiny", semantic_encoder="runs/tiny/model.safetensors"),
             "train tiny",
         ),
         (ModelConfig("base", sam_checkpoint="sam_vit_b_01ec64.pth"), "segment-anything"),
@@ -150,8 +150,8 @@ def test_weights_that_a_row_begins_with_are_asked_for_before_anything_is_trained
 
 
 def test_what_a_row_began_with_is_named_in_a_word():
-    semantic = ModelConfig("tiny", semantic_encoder="runs/tiny_semantic/model.safetensors")
-    assert first_weights(semantic, "random") == "tiny_semantic"
+    semantic = ModelConfig("tiny", semantic_encoder="runs/tiny/model.safetensors")
+    assert first_weights(semantic, "random") == "tiny"
     assert first_weights(ModelConfig("mtan"), "random") == "random"
     assert first_weights(ModelConfig("mtan", imagenet="download"), "imagenet") == "imagenet"
     sam = ModelConfig("base", sam_checkpoint="sam_vit_b_01ec64.pth")
