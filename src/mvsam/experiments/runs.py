@@ -31,13 +31,16 @@ _SINGLE = replace(_ROOMS, num_views=1, references=1)
 """A picture of the three of each room: kept rooms cost nothing the second time, and a picture costs
 twice as much to render as to learn from."""
 
-_NYU = replace(
-    _ROOMS,
-    singles="nyuv2_train",
-    singles_per_sample=2,
-    singles_without=("nyuv2_heldout", "nyuv2_posed"),
-)
-"""Two labelled photos beside three references; those on which we score are left out."""
+
+def _with_nyu(data: DataConfig, singles_per_sample: int) -> DataConfig:
+    """NYUv2's labelled photos beside the rooms, but for those on which we score."""
+    return replace(
+        data,
+        singles="nyuv2_train",
+        singles_per_sample=singles_per_sample,
+        singles_without=("nyuv2_heldout", "nyuv2_posed"),
+    )
+
 
 _CLASS_WEIGHTS = (
     0.44, 0.66, 1.03, 1.78, 1.52, 1.62, 1.71, 0.98, 1.21, 1.98,
@@ -48,6 +51,7 @@ _CLASS_WEIGHTS = (
 _LOSS = JointLoss(class_weights=_CLASS_WEIGHTS)
 
 _SEMANTIC_FULL = "runs/tiny_semantic_full/model.safetensors"
+_TINY = "runs/tiny/model.safetensors"
 
 _RUNS = (
     Experiment(
@@ -71,14 +75,23 @@ _RUNS = (
         train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
-        name="tiny_nyu",
-        about="`tiny` fine-tuned with the labels of NYUv2's training photos beside the rooms, "
-        "which keep its depth; research terms. Not run yet.",
-        model=ModelConfig("tiny", init=("runs/tiny/model.safetensors",)),
-        data=_NYU,
+        name="tiny_nyu_semantic",
+        about="First stage of `tiny-nyu`: labels of NYUv2's training photos beside those of rooms, "
+        "prompted with measured depth; research terms. --data.singles says where NYUv2 lies.",
+        model=ModelConfig("tiny_semantic_gt_depth", init=("tiny", _SEMANTIC_FULL)),
+        data=_with_nyu(_SINGLE, 2),
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=3e-4, steps=600, gradient_clip=1.0),
-        train=TrainConfig(batch_size=4, val_every=150, checkpoint_every=20, singles_weight=2.0),
+        optimizer=OptimizerConfig(lr=4e-4, steps=600, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=4, val_every=200, checkpoint_every=50),
+    ),
+    Experiment(
+        name="tiny_nyu",
+        about="Second stage of `tiny-nyu`: all of it; the rooms keep its depth. Research terms.",
+        model=ModelConfig("tiny", init=(_TINY, "runs/tiny_nyu_semantic/model.safetensors")),
+        data=_with_nyu(_FULL, 2),
+        loss=_LOSS,
+        optimizer=OptimizerConfig(lr=3e-4, steps=60, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=4, val_every=60, checkpoint_every=20),
     ),
 )
 BUDGETS: dict[Budget, dict[str, RowRun]] = {
