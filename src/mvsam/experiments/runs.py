@@ -20,13 +20,17 @@ _ROOMS = DataConfig(
 )
 _FULL = replace(
     _ROOMS,
-    train="0.5 @ rooms:train:0-2500 + 0.5 @ rooms:wide:0-800",
+    train="0.5 @ rooms:train:0-2500 + 0.5 @ rooms:wide:0-2500",
+    num_views=5,
+    fewest_views=2,
+    room_frames=5,
     references=1,
     farthest=(4.0, 7.0),
     pose_noise=(0.002, 0.05),
 )
 """One reference a sample: at full size the cascade costs most, and other rooms teach more. Half of
-the views lie as those of real photos, which share half as much as a video's."""
+the views lie as those of real photos, which share half as much as a video's. Two to five of them, so
+that a fifth that sees little does no harm."""
 _SINGLE = replace(_ROOMS, num_views=1, references=1)
 """A picture of the three of each room: kept rooms cost nothing the second time, and a picture costs
 twice as much to render as to learn from."""
@@ -71,7 +75,7 @@ _RUNS = (
         model=ModelConfig("tiny", init=("tiny", _SEMANTIC_FULL)),
         data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=100, gradient_clip=1.0, schedule=OneCycle()),
+        optimizer=OptimizerConfig(lr=4e-4, steps=200, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
