@@ -20,6 +20,10 @@ def frames_of(folder, rewrite: Callable[[np.ndarray], np.ndarray] = lambda pose:
     return [scene.frame(index) for index in range(len(scene))]
 
 
+def turned_back(pose: np.ndarray) -> np.ndarray:
+    return np.block([[pose[:3, :3].T, pose[:3, 3:]], [pose[3:]]])
+
+
 @pytest.fixture
 def folder(tmp_path):
     write_posed_folder(tmp_path, num_frames=6, size=(160, 120), depth=False, labels=False)
@@ -42,6 +46,7 @@ def test_right_poses_raise_no_suspicion(folder):
             lambda pose: np.linalg.inv(pose @ OPENCV_FROM_OPENGL),
             "look world-to-camera in OpenGL axes",
         ),
+        (turned_back, "look turned the wrong way (transposed rotations)"),
     ],
 )
 def test_photos_reveal_another_convention_though_the_frusta_overlap(folder, rewrite, expected):

@@ -50,12 +50,6 @@ def _moved(factor: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda poses: poses * factors
 
 
-def _turned_back(poses: np.ndarray) -> np.ndarray:
-    result = poses.copy()
-    result[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
-    return result
-
-
 def _about_the_axis(quarters: int) -> Callable[[np.ndarray], np.ndarray]:
     """Poses of cameras turned clockwise about their optical axes."""
     turn = np.eye(4)
@@ -73,7 +67,6 @@ DOUBLE_SIZE = "have intrinsics for photos of twice the size; halve their first t
 ALL_READINGS = (
     Reading(AS_GIVEN),
     *(Reading(f"are {name}", meant) for name, meant in READINGS.items() if name != AS_GIVEN),
-    Reading("have transposed rotations; transpose the upper left 3x3 of each", _turned_back),
     Reading("have translations in millimetres; divide them by 1000", _moved(1e-3)),
     Reading("have translations in kilometres; multiply them by 1000", _moved(1e3)),
     Reading(HALF_SIZE, size_factor=2.0),

@@ -29,8 +29,8 @@ _FULL = replace(
     pose_noise=(0.002, 0.05),
 )
 """One reference a sample: at full size the cascade costs most, and other rooms teach more. Half of
-the views lie as those of real photos, which share half as much as a video's. Two to five of them, so
-that a fifth that sees little does no harm."""
+the views lie as those of real photos, which share half as much as a video's; there are two to five
+of them, so that a fifth that sees little does no harm."""
 _SINGLE = replace(_ROOMS, num_views=1, references=1)
 """A picture of the three of each room: kept rooms cost nothing the second time, and a picture costs
 twice as much to render as to learn from."""
