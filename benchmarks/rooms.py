@@ -27,7 +27,6 @@ from mvsam.evaluation.yardsticks import (
     majority_label,
     median_depth,
 )
-from mvsam.precision import autocast
 from mvsam.provenance import provenance
 from mvsam.weights import load
 
@@ -64,8 +63,9 @@ def main() -> None:
         "majority label": MajorityLabel(label),
     }
     scores = {name: evaluate(answer, samples, protocol) for name, answer in constants.items()}
-    with autocast("cpu"):
-        scores |= {name: evaluate(load(name), samples, protocol) for name in arguments.models}
+    scores |= {
+        name: evaluate(load(name), samples, protocol, precision="auto") for name in arguments.models
+    }
     totals = {
         name: {k: v for k, v in result.as_json().items() if k != "scenes"}
         for name, result in scores.items()

@@ -73,7 +73,6 @@ class Evaluate:
         from mvsam.data.sampling import evenly_spaced
         from mvsam.evaluation.evaluate import evaluate
         from mvsam.inference.reading import one_ahead
-        from mvsam.precision import autocast
 
         protocol = _protocol(self.protocol)
         model = load_model(_weights_of(self.model), self.device)
@@ -84,14 +83,14 @@ class Evaluate:
                 f"{self.data}: its first photo has no measured depth, which {self.model} reads; "
                 "choose a model of RGB views (mvsam models)."
             )
-        device = next(model.parameters()).device.type
-        with progress_bar() as progress, autocast(device, self.precision):
+        with progress_bar() as progress:
             task = progress.add_task(f"evaluate {self.model}", total=len(chosen))
             scores = evaluate(
                 fold_batch_norm(model),
                 one_ahead(samples[index] for (index,) in chosen),
                 protocol,
                 lambda done: progress.update(task, completed=done),
+                self.precision,
             )
         if self.json:
             print_json(scores.as_json())

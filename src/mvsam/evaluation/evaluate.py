@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics
 from mvsam.evaluation.protocols import Protocol, Size
 from mvsam.evaluation.sparsification import Sparsification
+from mvsam.precision import Precision, autocast
 from mvsam.types import Prediction, Targets, Views
 
 Model = Callable[[Views], Prediction]
@@ -117,17 +118,21 @@ def evaluate(
     samples: Iterable[Sample],
     protocol: Protocol,
     progress: Callable[[int], None] | None = None,
+    precision: Precision = "float32",
 ) -> Scores:
     """Scores of `model` on `samples`, whose ground truth must have the protocol's size.
 
     An `nn.Module` is switched to evaluation meanwhile, and the samples go to its device.
-    `progress` is called with the number of images done so far.
+    `progress` is called with the number of images done so far. `precision` is the model's alone:
+    photos are read and resized in float32.
     """
     scenes: dict[str, SceneScores] = {}
     num_done = 0
     with _inference(model) as device:
         for names, views, targets in samples:
-            prediction, targets = model(views.to(device)), targets.to(device)
+            with autocast(device.type, precision):
+                prediction = model(views.to(device))
+            targets = targets.to(device)
             for item, name in enumerate(_names_of_items(names, len(targets.depth))):
                 scores = score_item(prediction, targets, item, protocol)
                 scenes[name] = scenes.get(name, SceneScores()) + scores

@@ -25,7 +25,6 @@ from mvsam.experiments.results import (
 )
 from mvsam.experiments.rows import RowRun, pictures_of
 from mvsam.experiments.runs import RUNS
-from mvsam.precision import autocast
 from mvsam.weights import load, read_info
 
 Progress = Callable[[int, int], None]
@@ -188,13 +187,13 @@ def score(weights: Path, job: Job, progress: Progress | None = None) -> dict:
         model.semantic_size,
     )
     count = len(samples)
-    with autocast(device):
-        scores = evaluate(
-            fold_batch_norm(model),
-            (samples[index] for index in range(count)),
-            protocol,
-            (lambda done: progress(done, count)) if progress else None,
-        ).as_json()
+    scores = evaluate(
+        fold_batch_norm(model),
+        (samples[index] for index in range(count)),
+        protocol,
+        (lambda done: progress(done, count)) if progress else None,
+        precision="auto",
+    ).as_json()
     return {name: value for name, value in scores.items() if name != "scenes"}
 
 
