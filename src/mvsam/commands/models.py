@@ -13,7 +13,8 @@ from mvsam.errors import MissingExtraError
 class Models:
     """Every model: its row in the paper's tables, inputs, tasks and parameters.
 
-    Parameters count every weight, frozen or not, for 20 classes.
+    Parameters count every weight, frozen or not, for 20 classes. "weights" names those that come
+    with the package, as other commands take them.
 
     Example: mvsam models --json
     """
@@ -35,7 +36,7 @@ class Models:
                 model["paper_row"],
                 model["inputs"],
                 ", ".join(model["tasks"]),
-                "embedded" if model["has_weights"] else "",
+                ", ".join(model["weights"]),
                 f"{model['parameters']:,}" if model["parameters"] else "needs mvsam[baselines]",
             )
         print_table(table)
@@ -44,9 +45,9 @@ class Models:
 def describe_models() -> list[dict[str, Any]]:
     """What `mvsam models --json` prints; `parameters` is null where an extra is missing."""
     from mvsam.build import MODELS
-    from mvsam.weights import embedded
+    from mvsam.weights import ASSETS, embedded, read_info
 
-    with_weights = embedded()
+    models = {name: read_info(ASSETS / f"{name}.json").model for name in embedded()}
     return [
         {
             "name": name,
@@ -55,7 +56,7 @@ def describe_models() -> list[dict[str, Any]]:
             "inputs": spec.inputs,
             "tasks": list(spec.tasks),
             "input_size": list(spec.input_size),
-            "has_weights": name in with_weights,
+            "weights": [weights for weights, model in models.items() if model == name],
         }
         for name, spec in MODELS.items()
     ]
