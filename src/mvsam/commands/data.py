@@ -109,27 +109,39 @@ class ScanNet:
     """Width and height of the photos; where it is not given, they are copied as they are."""
     tuples: str | None = None
     """Which frames go together, as in mvsam eval: mvs2d, every-100, keyframes or a file; written as
-    views.txt, so that training and prediction follow it too."""
+    views.txt, so that training and prediction follow it too. Scans that a file does not name are
+    left out."""
     views: int = 3
     """Frames in each of these tuples."""
     workers: int | None = None
     """Processes; one a core where it is not given."""
 
     def run(self) -> None:
-        from mvsam.data.scannet_export import copy_table, export, find_scans, plan, write_views
+        from mvsam.data.scannet_export import (
+            copy_table,
+            export,
+            find_scans,
+            named_scans,
+            plan,
+            write_views,
+        )
         from mvsam.files import writable_folder
 
         if self.every < 1:
             raise InputError(f"--every {self.every} writes no frame; give 1 or more.")
+        if self.size is not None and min(self.size) < 1:
+            raise InputError("--size {} {} is no size; give width and height.".format(*self.size))
         scans = find_scans(self.scans)
+        if self.tuples is not None:
+            scans = named_scans(scans, self.tuples)
         writable_folder(self.out)
         copy_table(scans, self.out)
         with progress_bar() as progress:
             for scan in scans:
-                folder = self.out / scan.name
+                folder = self.out / scan.resolve().name
                 jobs, done = plan(scan, folder, self.every, self.size)
                 total = done + sum(len(job.frames) for job in jobs)
-                task = progress.add_task(scan.name, total=total, completed=done)
+                task = progress.add_task(folder.name, total=total, completed=done)
                 for frames in export(jobs, self.workers or os.cpu_count() or 1):
                     progress.advance(task, frames)
                 if self.tuples is not None:
