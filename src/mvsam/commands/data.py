@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -35,6 +36,8 @@ class Check:
     poses: Literal["given", "colmap"] = "given"
     """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
     json: Json = False
+    strict: bool = False
+    """End with exit code 1 where the cameras of a scene are wrong, for scripts."""
 
     def run(self) -> None:
         from mvsam.data.catalog import open_data
@@ -50,6 +53,8 @@ class Check:
             )
         else:
             print("\n\n".join(_as_text(report) for report in reports))
+        if self.strict and any(report.is_suspicious for report in reports):
+            sys.exit(1)
 
 
 @dataclass(frozen=True)
