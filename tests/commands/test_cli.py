@@ -236,13 +236,15 @@ def test_debug_shows_the_traceback(model, room: str, tmp_path: Path, capsys):
 def test_data_check_tells_what_is_wrong_and_convert_writes_another_form(tmp_path: Path, capsys):
     folder = tmp_path / "room"
     write_posed_folder(folder, num_frames=5)
-    assert main(["data", "check", str(folder)]) == 0
+    assert main(["data", "check", str(folder), "--strict"]) == 0
     assert "the cameras fit." in capsys.readouterr().out
     for pose in (folder / "poses").iterdir():
         np.savetxt(pose, np.linalg.inv(np.loadtxt(pose)))
     assert main(["data", "check", str(folder), "--json"]) == 0
     (report,) = json.loads(capsys.readouterr().out)
     assert report["is_suspicious"] and "invert" in report["depth_verdict"]["sentence"]
+    assert main(["data", "check", str(folder), "--strict"]) == 1
+    assert "the cameras are wrong" in capsys.readouterr().out
     out = tmp_path / "other"
     assert main(["data", "convert", str(folder), "--out", str(out), "--to", "nerfstudio"]) == 0
     assert len(json.loads((out / "transforms.json").read_text())["frames"]) == 5

@@ -1,14 +1,19 @@
 """Scenes written in our two forms come back as they were."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from mvsam import rooms
+from mvsam.cli import main
 from mvsam.data.convert import write_nerfstudio, write_posed_folder
 from mvsam.data.formats import open_scene
+from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.readers.listed import ListedScene
 from mvsam.data.scaled import ScaledScene
 from mvsam.errors import InputError
 from tests.synthetic import depth_of, labels_of
@@ -114,3 +119,79 @@ def test_jpegs_are_good_and_a_second_run_keeps_what_is_there(scene, tmp_path):
     before = photo.stat().st_mtime_ns
     list(write_posed_folder(scene, tmp_path))
     assert photo.stat().st_mtime_ns == before
+
+
+def files_in(folder):
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*.*"))}
+
+
+@pytest.mark.parametrize("write", [write_posed_folder, write_nerfstudio])
+def test_photos_of_another_scene_are_refused(scene, tmp_path, write):
+    list(write(scene, tmp_path))
+    before = files_in(tmp_path)
+    renamed = [replace(scene.frame(i), name=f"other{i}") for i in range(len(scene))]
+    with pytest.raises(InputError, match=r"0000\.jpg: belongs to another scene"):
+        list(write(ListedScene("other", renamed), tmp_path))
+    assert files_in(tmp_path) == before
+    assert len(list(write(scene, tmp_path))) == len(scene)
+
+
+def test_other_intrinsics_are_refused(scene, tmp_path):
+    next(write_posed_folder(scene, tmp_path))
+    before = files_in(tmp_path)
+    frames = [scene.frame(i) for i in range(len(scene))]
+    zoomed = [replace(f, intrinsics=f.intrinsics * [[1.1], [1.1], [1]]) for f in frames]
+    for others in (zoomed, [zoomed[0], *frames[1:]]):  # shared, or of each photo
+        with pytest.raises(InputError, match=r"intrinsics\.txt: is there with other intrinsics"):
+            list(write_posed_folder(ListedScene("room", others), tmp_path))
+    assert files_in(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "first, second, found",
+    [
+        (write_posed_folder, write_nerfstudio, "color"),
+        (write_nerfstudio, write_posed_folder, r"transforms\.json"),
+    ],
+)
+def test_a_folder_in_the_other_form_is_refused(scene, tmp_path, first, second, found):
+    list(first(scene, tmp_path))
+    before = files_in(tmp_path)
+    with pytest.raises(InputError, match=f"{found}: belongs to a scene in another form"):
+        list(second(scene, tmp_path))
+    assert files_in(tmp_path) == before
+
+
+def test_classes_of_an_earlier_conversion_do_not_survive(scene, tmp_path):
+    thing = ClassTable(("thing",), ((1, 2, 3),))
+    bare = [replace(scene.frame(i), load_labels=None) for i in range(len(scene))]
+    for write, folder in [(write_posed_folder, tmp_path / "a"), (write_nerfstudio, tmp_path / "b")]:
+        list(write(ListedScene("room", bare, classes=thing), folder))
+        assert getattr(open_scene(folder), "classes", None) == thing
+        list(write(ListedScene("room", bare), folder))
+        assert getattr(open_scene(folder), "classes", None) == SCANNET20
+
+
+def test_labels_that_would_get_another_meaning_are_refused(scene, tmp_path):
+    list(write_posed_folder(scene, tmp_path))
+    frames = [scene.frame(i) for i in range(len(scene))]
+    other = ListedScene("room", frames, classes=ClassTable(("thing",), ((1, 2, 3),)))
+    with pytest.raises(InputError, match="holds labels of other classes than those of room"):
+        list(write_posed_folder(other, tmp_path))
+    assert not (tmp_path / "classes.json").exists()
+
+
+def test_a_stopped_nerfstudio_conversion_leaves_no_list_of_other_pictures(scene, tmp_path):
+    list(write_nerfstudio(scene, tmp_path))
+    next(write_nerfstudio(ScaledScene(scene, 2.0), tmp_path))
+    assert not (tmp_path / "transforms.json").exists()
+
+
+def test_photos_without_poses_are_refused(tmp_path, capsys):
+    write_files(tmp_path / "photos")
+    shutil.rmtree(tmp_path / "photos/poses")
+    for form in ("posed-folder", "nerfstudio"):
+        out = str(tmp_path / form)
+        assert main(["data", "convert", str(tmp_path / "photos"), "--out", out, "--to", form]) == 2
+        assert "photos/0000: is a photo without pose" in capsys.readouterr().err
+        assert not list((tmp_path / form).rglob("*.*"))

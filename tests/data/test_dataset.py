@@ -104,6 +104,16 @@ def test_collate_stacks_samples_in_order(tmp_path, depth):
     assert (views.measured_depth is not None) == depth
 
 
+def test_a_sample_without_measured_depth_takes_that_of_no_other(tmp_path):
+    write_posed_folder(tmp_path, num_frames=3, views=True)
+    (tmp_path / "depth/0001.png").unlink()
+    dataset = TupleDataset([PosedFolder(tmp_path)], size=SIZE)
+    _, views, targets = collate([dataset[index] for index in range(3)])
+    assert views.measured_depth is not None and (views.measured_depth[1] == 0).all()
+    assert torch.equal(views.measured_depth, targets.depth)
+    assert (views.measured_depth[[0, 2]] > 0).any(dim=-1).all()
+
+
 def test_each_procedural_room_is_built_once(monkeypatch):
     module, built = importlib.import_module("mvsam.rooms.scene"), []
     build = module.build_room

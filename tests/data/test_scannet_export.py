@@ -1,5 +1,8 @@
 """`mvsam data scannet`: what is exported is what the scan holds, once."""
 
+import re
+import shutil
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -80,6 +83,74 @@ def test_a_folder_begun_at_another_size_is_refused(scan, tmp_path):
     plan(scan, tmp_path / "out", size=(32, 24))
     with pytest.raises(InputError, match="another --size"):
         plan(scan, tmp_path / "out")
+
+
+def export_all(scans, out, *options: str) -> int:
+    return main(["data", "scannet", str(scans), "--out", str(out), "--workers", "1", *options])
+
+
+def test_labels_that_come_later_are_exported_alone(scan, tmp_path):
+    archive, away = scan / "scene0000_00_2d-label-filt.zip", tmp_path / "away.zip"
+    archive.rename(away)
+    out = tmp_path / "out/scene0000_00"
+    assert export_all(scan, tmp_path / "out") == 0
+    assert open_scene(out).frame(0).labels is None
+    (out / "color/0.jpg").write_bytes(before := (out / "color/2.jpg").read_bytes())
+    away.rename(archive)
+    assert export_all(scan, tmp_path / "out") == 0
+    for exported, index in ((open_scene(out).frame(i), i) for i in range(2)):
+        truth = labels_of(open_scene(scan).frame(index))
+        np.testing.assert_array_equal(labels_of(exported), truth)
+    assert (out / "color/0.jpg").read_bytes() == before, "photos are not written again"
+    assert plan(scan, out) == ([], 3)
+
+
+def test_labels_that_are_not_filtered_are_exported_too(scan, tmp_path):
+    archive = scan / "scene0000_00_2d-label-filt.zip"
+    archive.rename(scan / "scene0000_00_2d-label.zip")
+    assert export_all(scan, tmp_path / "out") == 0
+    assert (tmp_path / "out" / TSV).exists()
+    out = tmp_path / "out/scene0000_00"
+    truth = labels_of(open_scene(scan).frame(1))
+    np.testing.assert_array_equal(labels_of(open_scene(out).frame(1)), truth)
+    assert sorted(file.name for file in (out / "label").iterdir()) == ["0.png", "2.png"]
+
+
+def test_the_folder_we_stand_in_has_a_name(scan, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(scan)
+    assert export_all(".", tmp_path / "out") == 0
+    assert open_scene(tmp_path / "out/scene0000_00").name == "scene0000_00"
+    assert "scene0000_00" in capsys.readouterr().err
+
+
+def test_scans_that_a_file_of_tuples_does_not_name_are_left_out(scan, tmp_path, capsys):
+    shutil.copytree(scan, scan.parent / "scene0000_01")
+    (tmp_path / "mine.txt").write_text("scene0000_01 0 2\n")
+    options = ["--tuples", str(tmp_path / "mine.txt"), "--views", "2"]
+    assert export_all(scan.parent, tmp_path / "out", *options) == 0
+    assert "1 scan in" in capsys.readouterr().out
+    assert not (tmp_path / "out/scene0000_00").exists()
+    assert open_scene(tmp_path / "out/scene0000_01").views() == [(0, 1)]
+
+
+@pytest.mark.parametrize(
+    "options, sentence",
+    [
+        (["--tuples", "often"], "unknown rule of view tuples 'often'"),
+        (["--tuples", "nowhere.txt"], "there is no such file"),
+        (["--tuples", "other.txt"], r"names none of these scans \(scene0000_00"),
+        (["--size", "0", "0"], "--size 0 0 is no size"),
+        (["--size", "-64", "48"], "--size -64 48 is no size"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_before_anything_is_written(
+    scan, tmp_path, monkeypatch, capsys, options, sentence
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other.txt").write_text("scene0999_00 0 1 2\n")
+    assert export_all(scan, tmp_path / "out", *options) == 2
+    assert re.search(sentence, capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
 
 
 def test_tuples_of_a_rule_are_written_and_read_again(scan, tmp_path):

@@ -139,6 +139,15 @@ def test_scans_have_a_scale_and_a_format(config: DataConfig):
     assert len(SampleStream(both, seed=1).sources) == 2
 
 
+@pytest.mark.parametrize("scale", ["0.31", "0000:0001=0.25"])
+def test_a_scale_for_several_recorded_sources_is_refused(config: DataConfig, tmp_path, scale):
+    write_posed_folder(tmp_path / "other", 4, (32, 32))
+    both = replace(config, train=f"0.5 @ {config.train} + 0.5 @ {tmp_path / 'other'}")
+    with pytest.raises(InputError, match=r"--data\.scale .* has 2; convert .* data convert SCENE"):
+        SampleStream(replace(both, scale=scale), seed=1)
+    assert len(SampleStream(replace(both, scale="1.0"), seed=1).sources) == 2
+
+
 def test_scans_are_seen_by_a_rule(tmp_path: Path):
     write_posed_folder(tmp_path / "scan", 61, (32, 32), baseline=0.01)
     config = DataConfig(train=str(tmp_path / "scan"), size=(32, 32), tuples="mvs2d")
@@ -203,6 +212,18 @@ def test_labelled_photos_come_beside_each_sample_with_their_own_depth(mixed: Dat
     assert torch.equal(views.measured_depth, targets.depth)
     batch = collate_training([SampleStream(mixed, seed=1)[n] for n in range(3)])
     assert singles_of(batch)[0].images.shape == (6, 1, 3, 32, 32)
+
+
+def test_a_labelled_photo_without_depth_leaves_the_others_theirs(mixed: DataConfig, tmp_path: Path):
+    write_posed_folder(tmp_path, 2, (40, 30))
+    (tmp_path / "depth/0000.png").unlink()
+    config = replace(mixed, singles=str(tmp_path), singles_without=())
+    views, targets = singles_of(SampleStream(config, seed=1)[0])
+    assert views.measured_depth is not None
+    assert sorted((views.measured_depth > 0).flatten(1).any(dim=1).tolist()) == [False, True]
+    assert torch.equal(views.measured_depth, targets.depth)
+    alone = singles_of(SampleStream(replace(config, singles_per_sample=1), seed=1)[0])
+    assert alone[0].measured_depth is not None
 
 
 def test_labelled_photos_depend_on_seed_and_number_alone_and_change_no_tuple(mixed: DataConfig):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -35,6 +36,8 @@ class Check:
     poses: Literal["given", "colmap"] = "given"
     """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
     json: Json = False
+    strict: bool = False
+    """End with exit code 1 where the cameras of a scene are wrong, for scripts."""
 
     def run(self) -> None:
         from mvsam.data.catalog import open_data
@@ -50,6 +53,8 @@ class Check:
             )
         else:
             print("\n\n".join(_as_text(report) for report in reports))
+        if self.strict and any(report.is_suspicious for report in reports):
+            sys.exit(1)
 
 
 @dataclass(frozen=True)
@@ -109,27 +114,39 @@ class ScanNet:
     """Width and height of the photos; where it is not given, they are copied as they are."""
     tuples: str | None = None
     """Which frames go together, as in mvsam eval: mvs2d, every-100, keyframes or a file; written as
-    views.txt, so that training and prediction follow it too."""
+    views.txt, so that training and prediction follow it too. Scans that a file does not name are
+    left out."""
     views: int = 3
     """Frames in each of these tuples."""
     workers: int | None = None
     """Processes; one a core where it is not given."""
 
     def run(self) -> None:
-        from mvsam.data.scannet_export import copy_table, export, find_scans, plan, write_views
+        from mvsam.data.scannet_export import (
+            copy_table,
+            export,
+            find_scans,
+            named_scans,
+            plan,
+            write_views,
+        )
         from mvsam.files import writable_folder
 
         if self.every < 1:
             raise InputError(f"--every {self.every} writes no frame; give 1 or more.")
+        if self.size is not None and min(self.size) < 1:
+            raise InputError("--size {} {} is no size; give width and height.".format(*self.size))
         scans = find_scans(self.scans)
+        if self.tuples is not None:
+            scans = named_scans(scans, self.tuples)
         writable_folder(self.out)
         copy_table(scans, self.out)
         with progress_bar() as progress:
             for scan in scans:
-                folder = self.out / scan.name
+                folder = self.out / scan.resolve().name
                 jobs, done = plan(scan, folder, self.every, self.size)
                 total = done + sum(len(job.frames) for job in jobs)
-                task = progress.add_task(scan.name, total=total, completed=done)
+                task = progress.add_task(folder.name, total=total, completed=done)
                 for frames in export(jobs, self.workers or os.cpu_count() or 1):
                     progress.advance(task, frames)
                 if self.tuples is not None:

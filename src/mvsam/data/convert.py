@@ -10,6 +10,8 @@ from PIL import Image
 
 from mvsam.data.files import load_matrix
 from mvsam.data.labels import SCANNET20
+from mvsam.data.posed_folder import read_classes
+from mvsam.data.readers.listed import HALF_PIXEL
 from mvsam.errors import InputError
 from mvsam.files import write_json, write_whole
 from mvsam.geometry.depth_map import to_millimetres
@@ -23,20 +25,19 @@ _JPEG = {"quality": 95, "subsampling": 0}
 def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
     """Writes frame by frame, yielding each name when its files are whole.
 
-    What is there already is kept, so a stopped run goes on; InputError for poses there of another
-    scene or scale. Calibrations are written with integer pixel centres, as OpenCV counts them: one
-    `intrinsics.txt` where all photos share it.
+    What is there already is kept, so a stopped run goes on; InputError where that is another scene,
+    the same one at another scale, or in another form. Calibrations are written with integer pixel
+    centres, as OpenCV counts them: one `intrinsics.txt` where all photos share it.
     """
-    half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-    frames = [scene.frame(index) for index in range(len(scene))]
-    _check_same_poses(frames, folder)
-    first = frames[0]
-    if all(f.size == first.size and (f.intrinsics == first.intrinsics).all() for f in frames):
-        _write_matrix(folder / "intrinsics.txt", first.intrinsics - half_pixel)
-    else:
-        for frame in frames:
-            matrix = folder / "intrinsics" / f"{frame.name}.txt"
-            _write_matrix(matrix, frame.intrinsics - half_pixel)
+    frames = _posed_frames(scene)
+    matrices = _calibrations(frames)
+    _check_form(folder, ("transforms.json", "images", "pose"))
+    _check_names(frames, folder, ("color", "depth", "labels", "poses"))
+    _check_same_cameras(frames, matrices, folder)
+    _check_same_classes(scene, folder)
+    _write_classes(scene, folder)
+    for file, matrix in matrices.items():
+        _write_matrix(folder / file, matrix)
     for frame in frames:
         pose = folder / "poses" / f"{frame.name}.txt"  # written last, so it says that all is there
         if not pose.exists():
@@ -48,14 +49,16 @@ def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG")
         lines += [" ".join(frames[index].name for index in views) for views in tuples]
         text = "\n".join([*lines, ""]).encode()
         write_whole(folder / "views.txt", lambda file: file.write(text))
-    _write_classes(scene, folder)
 
 
 def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
     """The same as `transforms.json` with `images/`, `depth/` and `labels/`, all written anew."""
-    entries = []
-    for index in range(len(scene)):
-        frame = scene.frame(index)
+    frames, entries = _posed_frames(scene), []
+    _check_form(folder, ("color", "poses"))
+    _check_names(frames, folder, ("images", "depth", "labels"))
+    (folder / "transforms.json").unlink(missing_ok=True)  # of pictures that are now replaced
+    _write_classes(scene, folder)
+    for frame in frames:
         files = _write_pixels(frame, folder, "images", photos)
         k, (width, height) = frame.intrinsics, frame.size
         entries.append(
@@ -67,10 +70,48 @@ def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -
         yield frame.name
     content: dict[str, Any] = {"camera_model": "PINHOLE", "depth_unit_scale_factor": 1e-3}
     write_json(folder / "transforms.json", content | {"frames": entries})
-    _write_classes(scene, folder)
 
 
-def _check_same_poses(frames: Sequence[Frame], folder: Path) -> None:
+def _posed_frames(scene: Scene) -> list[Frame]:
+    if not getattr(scene, "has_poses", True):
+        raise InputError(
+            f"{scene.name}: is a photo without pose, and both forms need one for each photo; "
+            "--poses colmap finds those of photos of one room."
+        )
+    return [scene.frame(index) for index in range(len(scene))]
+
+
+def _calibrations(frames: Sequence[Frame]) -> dict[Path, np.ndarray]:
+    """File in the posed folder -> 3x3 matrix, integer pixel centres."""
+    first = frames[0]
+    if all(f.size == first.size and (f.intrinsics == first.intrinsics).all() for f in frames):
+        return {Path("intrinsics.txt"): first.intrinsics - HALF_PIXEL}
+    return {Path("intrinsics", f"{f.name}.txt"): f.intrinsics - HALF_PIXEL for f in frames}
+
+
+def _check_form(folder: Path, others: Sequence[str]) -> None:
+    """InputError where a file or folder is there that the form to be written does not have."""
+    for name in others:
+        if (folder / name).exists():
+            raise InputError(
+                f"{folder / name}: belongs to a scene in another form; give another folder as "
+                "--out."
+            )
+
+
+def _check_names(frames: Sequence[Frame], folder: Path, places: Sequence[str]) -> None:
+    names = {frame.name for frame in frames}
+    files = (file for place in places for file in sorted(folder.glob(f"{place}/[!.]*")))
+    if (stranger := next((file for file in files if file.stem not in names), None)) is not None:
+        raise InputError(
+            f"{stranger}: belongs to another scene; give another folder as --out, or remove that "
+            "one."
+        )
+
+
+def _check_same_cameras(
+    frames: Sequence[Frame], matrices: dict[Path, np.ndarray], folder: Path
+) -> None:
     for frame in frames:
         file = folder / "poses" / f"{frame.name}.txt"
         if not file.exists():
@@ -80,6 +121,24 @@ def _check_same_poses(frames: Sequence[Frame], folder: Path) -> None:
                 f"{file}: is there with another pose, of another scene or --scale; give another "
                 "folder as --out, or remove that one."
             )
+    for file in [*folder.glob("intrinsics.txt"), *sorted(folder.glob("intrinsics/[!.]*"))]:
+        matrix = matrices.get(file.relative_to(folder))
+        if matrix is None or not np.allclose(
+            load_matrix(file, 3, 3, "intrinsics matrix"), matrix, rtol=1e-6
+        ):
+            raise InputError(
+                f"{file}: is there with other intrinsics, of another scene; give another folder as "
+                "--out, or remove that one."
+            )
+
+
+def _check_same_classes(scene: Scene, folder: Path) -> None:
+    has_labels = next(folder.glob("labels/[!.]*"), None) is not None
+    if has_labels and read_classes(folder) != getattr(scene, "classes", SCANNET20):
+        raise InputError(
+            f"{folder / 'labels'}: holds labels of other classes than those of {scene.name}; give "
+            "another folder as --out, or remove that one."
+        )
 
 
 def _write_pixels(frame: Frame, folder: Path, place: str, photos: PhotoFormat) -> dict[str, str]:
@@ -97,12 +156,15 @@ def _write_pixels(frame: Frame, folder: Path, place: str, photos: PhotoFormat) -
 
 
 def _write_classes(scene: Scene, folder: Path) -> None:
-    classes = getattr(scene, "classes", SCANNET20)
-    if classes != SCANNET20:
-        pairs = zip(classes.names, classes.colors, strict=True)
-        content = [{"name": name, "color": list(color)} for name, color in pairs]
-        text = json.dumps(content, indent=1).encode()
-        write_whole(folder / "classes.json", lambda file: file.write(text))
+    """`classes.json`, or none for ScanNet's 20."""
+    classes, path = getattr(scene, "classes", SCANNET20), folder / "classes.json"
+    if classes == SCANNET20:
+        path.unlink(missing_ok=True)
+        return
+    pairs = zip(classes.names, classes.colors, strict=True)
+    content = [{"name": name, "color": list(color)} for name, color in pairs]
+    text = json.dumps(content, indent=1).encode()
+    write_whole(path, lambda file: file.write(text))
 
 
 def _save(path: Path, picture: Image.Image, format: str, **options: Any) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch.utils.data import Dataset
 
 from mvsam.data.catalog import open_data
@@ -121,9 +122,11 @@ class TupleDataset(Dataset[Sample]):
 
 
 def collate(samples: Sequence[Sample]) -> tuple[list[str], Views, Targets]:
-    """One batch from samples of equal size and number of views, for a `DataLoader`."""
+    """One batch from samples of equal size and number of views, for a `DataLoader`.
+
+    Where some have measured depth, that of the others is 0, unknown.
+    """
     names, views, targets = zip(*samples, strict=True)
-    measured = [v.measured_depth for v in views if v.measured_depth is not None]
     semantic = [v.semantic_images for v in views if v.semantic_images is not None]
     return (
         list(names),
@@ -132,7 +135,7 @@ def collate(samples: Sequence[Sample]) -> tuple[list[str], Views, Targets]:
             intrinsics=torch.cat([v.intrinsics for v in views]),
             world_from_cam=torch.cat([v.world_from_cam for v in views]),
             depth_range=torch.cat([v.depth_range for v in views]),
-            measured_depth=torch.cat(measured) if len(measured) == len(views) else None,
+            measured_depth=_measured_depths(views),
             semantic_images=torch.cat(semantic) if len(semantic) == len(views) else None,
         ),
         Targets(
@@ -140,3 +143,11 @@ def collate(samples: Sequence[Sample]) -> tuple[list[str], Views, Targets]:
             labels=torch.cat([t.labels for t in targets]),
         ),
     )
+
+
+def _measured_depths(views: Sequence[Views]) -> Float[torch.Tensor, "batch height width"] | None:
+    depths = [v.measured_depth for v in views]
+    if all(depth is None for depth in depths):
+        return None
+    unknown = torch.zeros(1, views[0].height, views[0].width)
+    return torch.cat([unknown if depth is None else depth for depth in depths])

@@ -1,13 +1,13 @@
 """ScanNet's `.sens` files as folders of pictures, frame by frame and in several processes.
 
 The layout is that of ScanNet's own exporter, which our reader `scannet` opens: color/, depth/,
-pose/, intrinsic/, and label-filt/ from the scan's zip.
+pose/, intrinsic/, and label-filt/ (or label/, where that is what we have) from the scan's zip.
 """
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -17,12 +17,12 @@ from jaxtyping import Float
 from PIL import Image
 
 from mvsam.data.nyu40 import TSV, find_tsv
-from mvsam.data.readers.label_zip import list_labels, read_label
+from mvsam.data.readers.label_zip import find_label_zip, list_labels, read_label
 from mvsam.data.readers.listed import HALF_PIXEL
 from mvsam.data.readers.scannet import is_sens, open_scannet_folder
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.splits import is_scene_list, listed_scenes
-from mvsam.data.view_rules import prescribe
+from mvsam.data.view_rules import prescribe, read_rule
 from mvsam.errors import InputError
 from mvsam.files import write_whole
 
@@ -44,6 +44,10 @@ class Job:
     size: tuple[int, int] | None
     """(width, height) of the written photos; None: as they are, byte for byte."""
 
+    def label_file(self, index: int) -> Path:
+        is_filtered = self.labels is not None and self.labels.name.endswith("-filt.zip")
+        return self.out / ("label-filt" if is_filtered else "label") / f"{index}.png"
+
 
 def find_scans(path: Path) -> list[Path]:
     """The folders with a `.sens` that a path names: one, those in it, or those of a list."""
@@ -57,25 +61,51 @@ def find_scans(path: Path) -> list[Path]:
     return found
 
 
+def named_scans(scans: Sequence[Path], rule: str) -> list[Path]:
+    """Those that `view_rules.prescribe` gives tuples to.
+
+    InputError for an unknown rule, and for a file that names none of them.
+    """
+    if (by_scene := read_rule(rule)) is None:
+        return list(scans)
+    if not (named := [scan for scan in scans if scan.resolve().name in by_scene]):
+        raise InputError(
+            f"{rule}: names none of these scans ({scans[0].resolve().name}, ...) but "
+            f"{next(iter(by_scene))}, ...; is it for other data?"
+        )
+    return named
+
+
 def plan(
     scan: Path, out: Path, every: int = 1, size: tuple[int, int] | None = None
 ) -> tuple[list[Job], int]:
     """(what is left of a scan's folder to be written into `out`, number of frames done before).
 
-    A frame's pose is written last, so it says that the frame is whole. Frames without tracking have
-    no picture, only their pose of -inf, as in ScanNet's own export.
+    A frame is done if its pose is there, which is written after photo and depth, and its label if
+    the zip has one, which may have been downloaded later. Frames without tracking have no picture,
+    only their pose of -inf, as in ScanNet's own export.
     """
     files = sorted(scan.glob("*.sens"))
     if len(files) != 1:
         raise InputError(f"{scan}: holds {len(files)} .sens files, expected one; see docs/data.md.")
-    archives = sorted(scan.glob("*_2d-label-filt.zip"))
-    source = SensFile(files[0])
+    source, archive = SensFile(files[0]), find_label_zip(scan)
+    labels = list_labels(archive) if archive else {}
     _write_intrinsics(source, out, size)
     wanted = range(0, len(source.frames), every)
-    left = [index for index in wanted if not (out / f"pose/{index}.txt").exists()]
+    whole = Job(files[0], archive, out, tuple(wanted), size)
+    left = [
+        index
+        for index in wanted
+        if not _pose_file(index, whole).exists() or _lacks_label(source, labels, index, whole)
+    ]
     parts = [tuple(left[i : i + CHUNK]) for i in range(0, len(left), CHUNK)]
-    labels = archives[0] if archives else None
-    return [Job(files[0], labels, out, part, size) for part in parts], len(wanted) - len(left)
+    return [replace(whole, frames=part) for part in parts], len(wanted) - len(left)
+
+
+def _lacks_label(scan: SensFile, labels: Container[int], index: int, job: Job) -> bool:
+    """Whether the zip has a label of the frame that is not in the folder yet."""
+    is_tracked = np.isfinite(scan.frames[index].world_from_cam).all()
+    return bool(is_tracked) and index in labels and not job.label_file(index).exists()
 
 
 def export(jobs: Sequence[Job], workers: int) -> Iterator[int]:
@@ -97,15 +127,19 @@ def run(job: Job) -> int:
     """Writes the frames of a job and returns their number."""
     scan, labels = _opened(job.sens), _listed(job.labels) if job.labels else {}
     for index in job.frames:
-        pose = scan.frames[index].world_from_cam
-        if np.isfinite(pose).all():
+        file, pose = _pose_file(index, job), scan.frames[index].world_from_cam
+        if np.isfinite(pose).all() and not file.exists():
             _write_photo(scan, index, job)
             _write_depth(scan, index, job.out)
-            if index in labels and job.labels:
-                label = read_label(job.labels, labels[index])
-                _write_bytes(job.out / f"label-filt/{index}.png", label)
-        _write_matrix(job.out / f"pose/{index}.txt", pose)
+        if job.labels is not None and _lacks_label(scan, labels, index, job):
+            label = read_label(job.labels, labels[index])
+            _write_bytes(job.label_file(index), label)
+        _write_matrix(file, pose)
     return len(job.frames)
+
+
+def _pose_file(index: int, job: Job) -> Path:
+    return job.out / f"pose/{index}.txt"
 
 
 @lru_cache(maxsize=2)
@@ -118,7 +152,7 @@ _listed = lru_cache(maxsize=2)(list_labels)
 
 def copy_table(scans: Sequence[Path], out: Path) -> None:
     """ScanNet's table of categories goes along where one of the scans has labels."""
-    labelled = (scan for scan in scans if any(scan.glob("*_2d-label-filt.zip")))
+    labelled = (scan for scan in scans if find_label_zip(scan))
     if (scan := next(labelled, None)) is not None:
         _write_bytes(out / TSV, find_tsv(scan).read_bytes())
 

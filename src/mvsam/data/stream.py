@@ -18,6 +18,7 @@ from mvsam.data.mixture import Mixture, parse_sources
 from mvsam.data.name_lists import read_names
 from mvsam.data.readers.single_views import SingleViews
 from mvsam.data.sampling import view_tuples
+from mvsam.data.scaled import parse_scale
 from mvsam.data.shards import ShardedScene
 from mvsam.data.transforms import crop_to_shape
 from mvsam.data.view_rules import prescribe
@@ -37,7 +38,8 @@ class DataConfig:
     format: str | None = None
     """Of the recorded scans in `train` and `val`, as `mvsam predict --format`; none: found."""
     scale: str = "1"
-    """Metres a unit of their poses, or A:B=METRES, as `mvsam predict --scale`."""
+    """Metres a unit of their poses, or A:B=METRES, as `mvsam predict --scale`; for one recorded
+    source alone."""
     tuples: str | None = None
     """Which frames of recorded scans go together: mvs2d, every-100, keyframes, or a file of tuples,
     as `mvsam eval --tuples`; none: a scene's own, or by overlap. All recorded
@@ -93,8 +95,20 @@ class DataConfig:
     """Processes that load or render data, for each training process."""
 
     def of_scans(self, name: str) -> dict[str, Any]:
-        """What `open_data` is told of a source that is no rooms."""
-        return {} if is_rooms(name) else {"format": self.format, "scale": self.scale}
+        """What `open_data` is told of a source that is no rooms.
+
+        InputError for a scale where several are mixed, which may have another unit each.
+        """
+        if is_rooms(name):
+            return {}
+        recorded = [source for source in parse_sources(self.train) if not is_rooms(source.name)]
+        if len(recorded) > 1 and parse_scale(self.scale) != 1.0:
+            raise InputError(
+                f"--data.scale {self.scale}: is of one recorded source, but --data.train has "
+                f"{len(recorded)}; convert those that are not in metres first "
+                "(mvsam data convert SCENE --scale ... --out FOLDER) and leave the option out."
+            )
+        return {"format": self.format, "scale": self.scale}
 
 
 class TrainingSample(NamedTuple):
@@ -232,7 +246,8 @@ class SingleStream(Dataset[tuple[Views, Targets]]):
         views = make_views([frame], config.size, depth_range, config.semantic_size)
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
-        return views, make_targets(frame, config.size)
+        targets = make_targets(frame, config.size)
+        return replace(views, measured_depth=targets.depth), targets  # 0 = unknown, not None
 
 
 def _drawn_range(config: DataConfig, dice: np.random.Generator) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from mvsam.data.depth_range import DepthRangeOrAuto, estimate_depth_range
 from mvsam.data.keyframes import keyframes
 from mvsam.data.lazy import LazyScenes, changed
 from mvsam.data.sampling import ViewTuple, rank_sources
-from mvsam.data.splits import read_tuples
+from mvsam.data.splits import TuplesByScene, read_tuples
 from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError
 from mvsam.types import Scene
@@ -41,19 +41,26 @@ def prescribe(
     sources as mvs2d. keyframes: frames 10 cm or 15 degrees apart, sources by overlap among them.
     Scenes that a file does not name are left out. A rule is applied to a scene when that is opened.
     """
-    rules = {
+    if (by_scene := read_rule(rule)) is not None:
+        return _from_file(scenes, by_scene, rule, num_views)
+    tuples_of = {
         "mvs2d": partial(window_tuples, num_views=num_views),
         "every-100": partial(window_tuples, num_views=num_views, reference_step=BENCHMARK_STEP),
         "keyframes": partial(keyframe_tuples, num_views=num_views, depth_range=depth_range),
-    }
-    if rule in rules:
-        return changed(scenes, partial(_with_rule, rules[rule]))
+    }[rule]
+    return changed(scenes, partial(_with_rule, tuples_of))
+
+
+def read_rule(rule: str) -> TuplesByScene | None:
+    """The tuples of a file, None for one of `RULES`; InputError for what is neither."""
+    if rule in RULES:
+        return None
     if not rule.endswith((".npy", ".txt")):
         raise InputError(
             f"unknown rule of view tuples '{rule}'; choose one of {', '.join(RULES)}, or the path "
             "of a .npy or .txt file."
         )
-    return _from_file(scenes, Path(rule), num_views)
+    return read_tuples(Path(rule))
 
 
 def _with_rule(tuples_of: Callable[[Scene], list[ViewTuple]], scene: Scene) -> Scene:
@@ -110,8 +117,9 @@ def keyframe_tuples(scene: Scene, num_views: int, depth_range: DepthRangeOrAuto)
     return [tuple(kept[i] for i in views) for views in tuples]
 
 
-def _from_file(scenes: Sequence[Scene], file: Path, num_views: int) -> LazyScenes:
-    by_scene = read_tuples(file)
+def _from_file(
+    scenes: Sequence[Scene], by_scene: TuplesByScene, file: str, num_views: int
+) -> LazyScenes:
     named = [
         partial(_with_tuples, scenes, place, _indices(scene, by_scene[scene.name], file, num_views))
         for place, scene in enumerate(scenes)
@@ -130,7 +138,7 @@ def _with_tuples(scenes: Sequence[Scene], place: int, tuples: list[ViewTuple]) -
 
 
 def _indices(
-    scene: Scene, tuples: Sequence[tuple[int, ...]], file: Path, num_views: int
+    scene: Scene, tuples: Sequence[tuple[int, ...]], file: str, num_views: int
 ) -> list[ViewTuple]:
     """Frame numbers as indices into the scene; tuples whose tracking was lost are an error."""
     index_of = {number: index for index, number in enumerate(frame_numbers(scene))}

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mvsam.cli import main
+from mvsam.data.catalog import open_data
 from mvsam.data.formats import open_scene
 from mvsam.data.nyu40 import from_nyu40
 from mvsam.data.readers import label_zip
@@ -48,7 +50,7 @@ def write_raw(path, lost: int | None = None):
 def test_a_raw_scan_comes_back(tmp_path):
     truth = write_raw(tmp_path / "scan")
     scene = open_scene(tmp_path / "scan")
-    assert scene.name == "scene0000_00" and len(scene) == len(truth)
+    assert scene.name == "scan" and len(scene) == len(truth)
     for index, view in enumerate(truth):
         frame = scene.frame(index)
         np.testing.assert_allclose(frame.world_from_cam, view.world_from_cam, atol=1e-6)
@@ -60,6 +62,16 @@ def test_a_raw_scan_comes_back(tmp_path):
         labels = labels_of(frame)
         assert [labels[5, 5], labels[5, 30], labels[5, 60]] == CLASSES[0]
         assert (labels[30:] == IGNORE).all()
+
+
+def test_two_scans_whose_files_have_one_name_stay_two_scenes(tmp_path):
+    for name in "ab":
+        write_raw(tmp_path / name)
+    (tmp_path / "both.txt").write_text("a b")
+    scans, out = str(tmp_path / "both.txt"), tmp_path / "out"
+    assert [scene.name for scene in open_data(scans)] == ["a", "b"]
+    assert main(["data", "convert", scans, "--out", str(out)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["a", "b"]
 
 
 def test_frames_without_tracking_are_left_out_and_keep_their_numbers(tmp_path, caplog):

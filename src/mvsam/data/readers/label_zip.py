@@ -1,4 +1,7 @@
-"""ScanNet's `SCENE_2d-label-filt.zip`: a scan's label pictures, named by frame number."""
+"""ScanNet's `SCENE_2d-label-filt.zip`: a scan's label pictures, named by frame number.
+
+`SCENE_2d-label.zip` holds the same before ScanNet filtered them.
+"""
 
 import zipfile
 from pathlib import Path
@@ -7,6 +10,12 @@ from mvsam.errors import InputError
 
 LARGEST_PICTURE = 64 * 2**20
 """Bytes of one unpacked PNG; ScanNet's have a few thousand."""
+
+
+def find_label_zip(scan: Path) -> Path | None:
+    """The scan's label zip, the filtered one if both are there."""
+    names = ("*_2d-label-filt.zip", "*_2d-label.zip")
+    return next((file for name in names for file in sorted(scan.glob(name))), None)
 
 
 def list_labels(archive: Path) -> dict[int, str]:

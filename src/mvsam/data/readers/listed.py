@@ -26,6 +26,7 @@ class ListedScene:
 
     points: sparse points of the surfaces in world axes, in the unit of the poses.
     num_lost: pictures that are left out for want of a pose; a message says so.
+    has_poses: whether the frames' poses mean anything.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class ListedScene:
         classes: ClassTable = SCANNET20,
         points: Float[np.ndarray, "point 3"] | None = None,
         num_lost: int = 0,
+        has_poses: bool = True,
     ):
         if not frames:
             raise InputError(f"{name}: no frame with a picture and a pose was found there.")
@@ -53,6 +55,7 @@ class ListedScene:
         self.classes = classes
         self.points = points
         self.num_lost = num_lost
+        self.has_poses = has_poses
         self._frames = list(frames)
         self._views = views
 

@@ -23,7 +23,7 @@ from mvsam.data.files import (
 )
 from mvsam.data.nyu40 import find_tsv, from_nyu40, from_raw
 from mvsam.data.posed_folder import read_view_tuples
-from mvsam.data.readers.label_zip import list_labels, read_label
+from mvsam.data.readers.label_zip import find_label_zip, list_labels, read_label
 from mvsam.data.readers.listed import HALF_PIXEL, ListedScene, checked, numbered_files
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.register import read_at_pixels
@@ -37,8 +37,9 @@ def is_sens(path: Path) -> bool:
 
 
 def open_sens(path: Path) -> ListedScene:
-    """The scan of a folder with one `.sens`, with its `*_2d-label-filt.zip` if that is there.
+    """The scan of a folder with one `.sens`, with its label zip if that is there.
 
+    It has the folder's name, as its export has, because the file's may be that of other scans too.
     Frames whose tracking was lost are left out, with a message.
     """
     files = sorted(path.glob("*.sens"))
@@ -50,7 +51,7 @@ def open_sens(path: Path) -> ListedScene:
     frames = [
         checked(scan.frame(i, load_labels=labels.get(i)), f"{files[0]} frame {i}") for i in tracked
     ]
-    return ListedScene(files[0].stem, frames, num_lost=len(scan.frames) - len(frames))
+    return ListedScene(path.resolve().name, frames, num_lost=len(scan.frames) - len(frames))
 
 
 def is_scannet_folder(path: Path) -> bool:
@@ -138,13 +139,12 @@ def _to_classes(
 
 def _zipped_labels(path: Path, size: tuple[int, int]) -> dict:
     """Loader of each frame's labels from the scan's zip; empty without one."""
-    archives = sorted(path.glob("*_2d-label-filt.zip")) or sorted(path.glob("*_2d-label.zip"))
-    if not archives:
+    if (archive := find_label_zip(path)) is None:
         return {}
     find_tsv(path)  # now, not in the middle of a run
     return {
-        number: partial(_load_zipped, archives[0], name, size)
-        for number, name in list_labels(archives[0]).items()
+        number: partial(_load_zipped, archive, name, size)
+        for number, name in list_labels(archive).items()
     }
 
 

@@ -74,4 +74,4 @@ class SingleViews(Sequence[Scene]):
             load_depth=partial(load_depth, depth) if depth else None,
             load_labels=partial(load_labels, labels, len(self.classes)) if labels else None,
         )
-        return ListedScene(f"{self.name}/{name}", [frame], classes=self.classes)
+        return ListedScene(f"{self.name}/{name}", [frame], classes=self.classes, has_poses=False)
