@@ -70,6 +70,8 @@ def test_pictures_without_a_pose_in_time_count_as_lost(tmp_path, frames, caplog)
         ("ARposes.txt", "100, 0, 0, 0, 0, 0, 0, 0", "no rotation"),
         ("ARposes.txt", "100, 0, 0", "expected 'time, tx, ty, tz, qw"),
         ("ARposes.txt", "100, nan, 0, 0, 1, 0, 0, 0", "not finite"),
+        ("ARposes.txt", "nan, 0, 0, 0, 1, 0, 0, 0", "line 1: .*time stamp nan is not finite"),
+        ("Frames.txt", "nan, 0, 1600, 1600, 960, 720", "line 1: .*time stamp nan is not finite"),
     ],
 )
 def test_broken_recordings_say_what_to_do(tmp_path, frames, file, text, message):
@@ -112,6 +114,7 @@ def test_pictures_between_two_poses_are_left_out(tmp_path, frames, caplog):
         ("lowres_wide_intrinsics/42_4300.000.pincam", "", "expected 'width height"),
         ("lowres_wide_intrinsics/42_4300.000.pincam", "256 192 1 1 9 9", "is for 256x192"),
         ("lowres_wide/42_soon.png", "", "does not end with a time"),
+        ("lowres_wide/42_nan.png", "", "does not end with a time"),
         ("lowres_depth/42_4300.000.png", "no picture", "the depth map cannot be read"),
     ],
 )

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from mvsam.data.files import check_photo, load_photo
 from mvsam.data.keyframes import keyframes
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, numbered_files
-from mvsam.data.readers.trajectory import Trajectory, read_trajectory, text_lines
+from mvsam.data.readers.trajectory import Trajectory, read_trajectory, text_lines, time_stamp
 from mvsam.data.transforms import resize_intrinsics
 from mvsam.data.video import extract_frames
 from mvsam.errors import InputError
@@ -64,7 +64,7 @@ def _read_shots(file: Path, trajectory: Trajectory) -> Shots:
     shots: Shots = {}
     for line, words in text_lines(file):
         try:
-            time, number, *camera = (float(word) for word in words)
+            time, (number, *camera) = time_stamp(words[0]), (float(word) for word in words[1:])
             if len(camera) != 4 or not 0 <= number < 1e9:
                 raise ValueError(f"{len(words)} numbers")
         except ValueError as error:

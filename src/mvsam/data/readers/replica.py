@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mvsam.data.checks import check_depth_scale
 from mvsam.data.files import check_map, check_photo, load_photo, load_pixels
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics
 from mvsam.errors import InputError
@@ -55,12 +56,13 @@ def _read_camera(path: Path) -> dict[str, float]:
             try:
                 given = json.loads(file.read_text())["camera"]
                 camera = {key: float(given[key]) for key in CAMERA}
-            except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            except (
+                OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError,
+            ) as error:  # fmt: skip
                 raise InputError(
                     f"{file}: expected an object 'camera' with {', '.join(CAMERA)} ({error!r})."
                 ) from error
-            if not camera["scale"] > 0:
-                raise InputError(f"{file}: the depth scale must be positive.")
+            check_depth_scale(camera["scale"], str(file))
             return camera
     return CAMERA
 
