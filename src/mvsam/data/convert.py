@@ -52,10 +52,14 @@ def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG")
 
 
 def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
-    """The same as `transforms.json` with `images/`, `depth/` and `labels/`, all written anew."""
+    """The same as `transforms.json` with `images/`, `depth/` and `labels/`, all written anew.
+
+    InputError for pixels that are no rectangles, which the format cannot say.
+    """
+    frames = [scene.frame(index) for index in range(len(scene))]
+    _check_no_skew(scene.name, frames)
     entries = []
-    for index in range(len(scene)):
-        frame = scene.frame(index)
+    for frame in frames:
         files = _write_pixels(frame, folder, "images", photos)
         k, (width, height) = frame.intrinsics, frame.size
         entries.append(
@@ -68,6 +72,15 @@ def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -
     content: dict[str, Any] = {"camera_model": "PINHOLE", "depth_unit_scale_factor": 1e-3}
     write_json(folder / "transforms.json", content | {"frames": entries})
     _write_classes(scene, folder)
+
+
+def _check_no_skew(scene: str, frames: Sequence[Frame]) -> None:
+    for frame in frames:
+        if abs(skew := frame.intrinsics[0, 1]) > 1e-6:
+            raise InputError(
+                f"{scene} frame {frame.name}: has a skew of {skew:.3g} pixels, which "
+                "transforms.json cannot hold; write a posed folder."
+            )
 
 
 def _check_same_poses(frames: Sequence[Frame], folder: Path) -> None:
