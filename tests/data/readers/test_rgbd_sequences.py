@@ -188,7 +188,7 @@ def replica_camera(fx: str = "600", scale: str = "1000") -> str:
     "file, text, message",
     [
         ("traj.txt", "1 2 3", "16 numbers"),
-        ("traj.txt", " ".join(["1"] * 16), "3 photos but 1 poses"),
+        ("traj.txt", " ".join(["1"] * 16), "3 photos but 1 pose in"),
         ("traj.txt", "a b", "cannot be read"),
         ("cam_params.json", "{}", "expected an object"),
         ("cam_params.json", "[" * 100_000, "expected an object"),

@@ -9,7 +9,7 @@ import numpy as np
 from mvsam.data.checks import check_depth_scale
 from mvsam.data.files import check_map, check_photo, load_photo, load_pixels
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.types import Frame
 
 CAMERA = {"fx": 600.0, "fy": 600.0, "cx": 599.5, "cy": 339.5, "scale": 6553.5}
@@ -27,7 +27,8 @@ def open_replica(path: Path) -> ListedScene:
     poses = _read_trajectory(path / "traj.txt")
     if len(photos) != len(poses):
         raise InputError(
-            f"{path}: {len(photos)} photos but {len(poses)} poses in traj.txt; copy all again."
+            f"{path}: {counted(len(photos), 'photo')} but {counted(len(poses), 'pose')} in "
+            "traj.txt; copy all again."
         )
     frames = [_frame(photo, pose, camera) for photo, pose in zip(photos, poses, strict=True)]
     return ListedScene(path.resolve().name, frames)

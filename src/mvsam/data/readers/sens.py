@@ -18,7 +18,7 @@ from PIL import Image
 
 from mvsam.data.checks import check_depth_scale
 from mvsam.data.register import read_at_pixels
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.types import Frame
 
 VERSION = 4
@@ -142,7 +142,7 @@ class SensFile:
             raise self._broken(f"pictures of {color_w}x{color_h} and {depth_w}x{depth_h} pixels")
         check_depth_scale(units, str(self.path))
         if count > self._end // _HEAD.size:
-            raise self._broken(f"it claims {count} frames but is too short for them")
+            raise self._broken(f"it claims {counted(count, 'frame')} but is too short for them")
         header = SensHeader(
             _corner(matrices[0]), _corner(matrices[2]), (color_w, color_h), (depth_w, depth_h),
             units,
