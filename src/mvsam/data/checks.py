@@ -72,6 +72,11 @@ def check_pose(matrix: Float[np.ndarray, "4 4"], item: str) -> None:
 
 
 def _check_rotation(rotation: Float[np.ndarray, "3 3"], item: str) -> None:
+    if (largest := np.abs(rotation).max()) > 1e6:  # the square of a much larger one overflows
+        raise InputError(
+            f"{item}: the pose is not rigid, its upper left 3x3 holds {largest:.3g}; it must be a "
+            "pure rotation."
+        )
     gram, determinant = rotation.T @ rotation, np.linalg.det(rotation)
     if np.abs(gram - np.eye(3)).max() <= RIGID_TOLERANCE:
         if determinant < 0:

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from mvsam.data.checks import check_depth_scale
+from mvsam.data.checks import check_depth_scale, check_pose
 from mvsam.data.files import check_map, check_photo, is_file, load_depth, load_labels, load_photo
 from mvsam.data.posed_folder import read_classes
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
 from mvsam.data.undistort import Distortion, undistort
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import IGNORE, Frame
 
@@ -52,7 +52,7 @@ def open_nerfstudio(path: Path) -> ListedScene:
     _check_one_size(file, content, entries, frames)
     bent = sum(not _distortion({**content, **entry}, str(file)).is_none for entry in entries)
     if bent:
-        log.warning("%s: %d pictures are undistorted while they are read.", file, bent)
+        log.warning("%s: %s undistorted while read.", file, counted(bent, "picture"))
     return ListedScene(path.resolve().name, frames, classes=classes)
 
 
@@ -150,6 +150,7 @@ def _matrix(entry: dict, item: str) -> np.ndarray:
         matrix = np.vstack([matrix, [0, 0, 0, 1]])
     if matrix.shape != (4, 4):
         raise InputError(f"{item}: 'transform_matrix' is not 4x4; write camera to world.")
+    check_pose(matrix, item)  # before it is multiplied: infinity times 0 is a warning of NumPy's
     return matrix
 
 

@@ -11,6 +11,9 @@ from jaxtyping import Float
 from mvsam.errors import InputError
 from mvsam.geometry.pose import pose_from_quaternion
 
+_LARGEST = 1e9
+"""Of a believable number; squares of larger ones may overflow."""
+
 PoseOf = Callable[[Float[np.ndarray, " value"]], Float[np.ndarray, "4 4"]]
 """What the numbers behind a time stamp mean; ValueError where they mean nothing."""
 
@@ -50,6 +53,8 @@ def read_trajectory(file: Path, count: int, pose_of: PoseOf, expected: str) -> T
             time, values = time_stamp(words[0]), [float(word) for word in words[1:]]
             if len(values) != count:
                 raise ValueError(f"{len(words)} numbers")
+            if not (np.abs(values) < _LARGEST).all():
+                raise ValueError("one is not finite or too large")
             poses.append(pose_of(np.array(values)))
         except ValueError as error:
             raise InputError(f"{file} line {number}: expected '{expected}' ({error}).") from error
