@@ -38,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     "rooms": {"types", "errors", "files", "geometry"},
     "data": {"types", "errors", "files", "geometry"},
     "reconstruction": {"types", "errors", "files", "geometry"},
-    "evaluation": {"types", "errors"},
+    "evaluation": {"types", "errors", "precision"},
     "training": {"types", "errors", "precision", "loss_terms", "evaluation"},
     "inference": MODELS | {"data", "evaluation"},
     "experiments": MODELS

@@ -1,9 +1,11 @@
 """`mvsam VERB`: finds the verb, runs it, and turns every error into one sentence.
 
-Exit codes: 0 done, 1 a failure, 2 bad input, 130 stopped with Ctrl-C.
+Exit codes: 0 done, 1 a failure, 2 bad input, 130 stopped with Ctrl-C, 141 who read the output (as
+`| head`) has seen enough.
 """
 
 import logging
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -52,7 +54,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = [argument for argument in arguments if argument != "--debug"]
     _show_warnings()
     try:
-        _run(arguments)
+        _run_and_flush(arguments)
+    except BrokenPipeError:
+        _discard_output()
+        return 141
     except SystemExit as request:  # how tyro ends --help and wrong options
         return request.code if isinstance(request.code, int) else 0
     except KeyboardInterrupt:
@@ -64,6 +69,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         _complain(_sentence(error))
         return 2 if isinstance(error, InputError | MissingExtraError) else 1
     return 0
+
+
+def _run_and_flush(arguments: list[str]) -> None:
+    """A closed pipe is noticed here, not when Python ends."""
+    try:
+        _run(arguments)
+    finally:
+        sys.stdout.flush()
+
+
+def _discard_output() -> None:
+    """What is still in the buffer would else be complained of when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(arguments: list[str]) -> None:

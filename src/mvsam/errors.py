@@ -1,6 +1,11 @@
 """The errors a user meets: one clear sentence, never a bare traceback."""
 
 
+def counted(number: int, noun: str) -> str:
+    """As "1 photo" or "2 photos"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 class InputError(ValueError):
     """Bad input: the sentence names the item and says what to do (exit code 2)."""
 

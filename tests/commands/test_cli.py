@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -54,6 +55,17 @@ def test_help_names_every_verb_without_loading_torch(capsys):
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_output_that_nobody_reads_on_ends_quietly(option):
+    """As `mvsam ... | head`: the reading end of the pipe is closed before we write."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "mvsam.cli", option]
+    ended = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True)
+    os.close(writing)
+    assert (ended.returncode, ended.stderr) == (141, "")
+
+
 @pytest.mark.parametrize(
     "verb",
     [
@@ -102,7 +114,7 @@ def test_predict_then_reconstruct(model: FakeModel, room: str, tmp_path: Path, c
     assert run["num_views"] == 2 and run["depth_range"] == [0.2, 6.0]
     assert run["arguments"]["scene"] == room
     assert predict(room, tmp_path, "--views", "2", "--depth-range", "0.2", "6") == 0
-    assert "0 photos predicted, 4 were done before" in capsys.readouterr().out
+    assert "0 photos predicted, 4 done before" in capsys.readouterr().out
     ply = tmp_path / "room.ply"
     fuse = ["reconstruct", str(tmp_path / "out"), "--voxel-size", "0.05", "--out"]
     assert main([*fuse, str(ply)]) == 0
@@ -224,7 +236,7 @@ def test_failures_are_one_sentence(failure, code: int, said: str, model, room, t
     assert said in error and "Traceback" not in error
     model.fail_at = None
     assert predict(room, tmp_path) == 0
-    assert "3 photos predicted, 1 were done before" in capsys.readouterr().out
+    assert "3 photos predicted, 1 done before" in capsys.readouterr().out
 
 
 def test_debug_shows_the_traceback(model, room: str, tmp_path: Path, capsys):
@@ -254,7 +266,7 @@ def test_data_check_tells_what_is_wrong_and_convert_writes_another_form(tmp_path
 def test_data_check_counts_the_frames_that_lost_tracking(tmp_path: Path, capsys):
     write_raw(tmp_path / "scan", lost=1)
     assert main(["data", "check", str(tmp_path / "scan")]) == 0
-    assert "2 photos of 64x48, 1 more have no pose" in capsys.readouterr().out
+    assert "2 photos of 64x48, 1 more without a pose" in capsys.readouterr().out
     assert main(["data", "check", str(tmp_path / "scan"), "--scale", "2", "--json"]) == 0
     (report,) = json.loads(capsys.readouterr().out)
     assert (report["num_frames"], report["num_lost"]) == (2, 1)

@@ -184,6 +184,7 @@ POSE = camera_pose(1)
         (numbers(POSE @ np.diag([2, 2, 2, 1.0])), "not rigid, it is scaled by 2;"),
         (numbers(POSE @ np.diag([1, 1, 3, 1.0])), "not rigid; the upper left"),
         (numbers(POSE @ np.diag([1, 1, 0, 1.0])), "not rigid; the upper left"),
+        (numbers(POSE @ np.diag([1, 1, 1e200, 1.0])), "not rigid, its upper left 3x3 holds 9"),
         (numbers(POSE @ np.diag([1, -1, 1, 1.0])), "mirrors the world"),
         (numbers(POSE + np.eye(4, k=3) * 5e5), "500000 m from the origin"),
     ],

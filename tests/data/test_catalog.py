@@ -12,6 +12,7 @@ from mvsam.data.catalog import open_data
 from mvsam.data.formats import find_format, open_scene
 from mvsam.data.stream import DataConfig, SampleStream
 from mvsam.errors import InputError
+from tests.data.readers.layouts import write_scannet
 from tests.synthetic import write_posed_folder
 
 
@@ -26,6 +27,17 @@ def test_a_folder_of_scene_folders_is_all_of_them_sorted(tmp_path):
     (tmp_path / "notes").mkdir()
     (tmp_path / "readme.txt").write_text("not a scene")
     assert [scene.name for scene in open_data(str(tmp_path))] == ["a", "b", "c"]
+
+
+def test_a_format_is_that_of_each_scene_in_a_folder(tmp_path):
+    write_posed_folder(tmp_path / "room")
+    room, scans = open_scene(tmp_path / "room"), tmp_path / "scans"
+    for name in ("b", "a"):
+        write_scannet([room.frame(index) for index in range(len(room))], scans / name)
+    assert [scene.name for scene in open_data(str(scans), "scannet")] == ["a", "b"]
+    assert [scene.name for scene in open_data(str(scans / "b"), "scannet")] == ["b"]
+    with pytest.raises(InputError, match=r"a/poses"):
+        open_data(str(scans), "posed-folder")
 
 
 def test_a_bad_scene_among_good_ones_is_not_passed_over(tmp_path):

@@ -111,6 +111,19 @@ def test_a_second_scale_is_written_anew_in_the_form_of_nerfstudio(scene, tmp_pat
         np.testing.assert_allclose(place, scale * scene.frame(0).world_from_cam[:3, 3])
 
 
+def test_a_skew_is_refused_where_it_would_be_lost(scene, tmp_path):
+    frame = scene.frame(1)
+    skew = np.array([[0, 0.5, 0], [0, 0, 0], [0, 0, 0]])
+    skewed = replace(frame, intrinsics=frame.intrinsics + skew)
+    scene = ListedScene("room", [scene.frame(0), skewed])
+    with pytest.raises(InputError, match=r"room frame 0001: has a skew of 0\.5 pixels"):
+        list(write_nerfstudio(scene, tmp_path / "a"))
+    assert not (tmp_path / "a").exists()
+    list(write_posed_folder(scene, tmp_path / "b"))
+    again = open_scene(tmp_path / "b").frame(1).intrinsics
+    np.testing.assert_allclose(again, skewed.intrinsics, rtol=1e-7)
+
+
 def test_jpegs_are_good_and_a_second_run_keeps_what_is_there(scene, tmp_path):
     list(write_posed_folder(scene, tmp_path))
     photo = tmp_path / "color" / "0001.jpg"

@@ -73,7 +73,7 @@ def test_photos_without_poses_are_told_of_the_way_to_find_some(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "count, message", [(0, "neither photos nor a video"), (2, "2 photos are too few")]
+    "count, message", [(0, "neither photos nor a video"), (2, "2 photos, too few for COLMAP")]
 )
 def test_too_few_photos_are_refused(tmp_path, count, message):
     for index in range(count):

@@ -84,7 +84,7 @@ SCALED = np.diag([2.0, 2, 2, 1])
         (broken(2, 1, TRANSPOSED), "photo 1: .* transposed"),
         (broken(2, 1, SCALED), "photo 1: the pose is not rigid"),
         ([*(part[:2] for part in photos(2)[:2]), []], "2 images, 2 intrinsics and 0"),
-        ([part[:1] for part in photos(1)], "1 photos were given; give 2 to 8"),
+        ([part[:1] for part in photos(1)], "1 photo given; give 2 to 8"),
     ],
 )
 def test_bad_photos_are_named(parts: list, complaint: str):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from mvsam.commands.shared import Json, Scale, print_json, progress_bar
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 
 if TYPE_CHECKING:
     from mvsam.data.report import SceneReport
@@ -92,7 +92,7 @@ class Convert:
                 names = write(scene, folder)
                 for _ in progress.track(names, total=len(scene), description=scene.name):
                     pass
-        print(f"{len(scenes)} scene{'s' if len(scenes) > 1 else ''} in {self.out}")
+        print(f"{counted(len(scenes), 'scene')} in {self.out}")
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class ScanNet:
                     progress.advance(task, frames)
                 if self.tuples is not None:
                     write_views(folder, self.tuples, self.views)
-        print(f"{len(scans)} scan{'s' if len(scans) > 1 else ''} in {self.out}")
+        print(f"{counted(len(scans), 'scan')} in {self.out}")
 
 
 @dataclass(frozen=True)
@@ -170,8 +170,8 @@ class Data:
 
 def _as_text(report: SceneReport) -> str:
     sizes = ", ".join(f"{width}x{height}" for width, height in report.sizes)
-    lost = f", {report.num_lost} more have no pose" if report.num_lost else ""
-    lines = [f"{report.name}: {report.num_frames} photos of {sizes}{lost}"]
+    lost = f", {report.num_lost} more without a pose" if report.num_lost else ""
+    lines = [f"{report.name}: {counted(report.num_frames, 'photo')} of {sizes}{lost}"]
     if report.baselines:
         lines.append(
             "  nearest camera   {:.2f} / {:.2f} / {:.2f} m away, ".format(*report.baselines)
@@ -184,14 +184,14 @@ def _as_text(report: SceneReport) -> str:
     else:
         span = " / ".join(f"{depth:.2f}" for depth in report.depths)
         lines.append(
-            f"  depth            {report.num_depth} photos, {report.depth_coverage:.0%} of their "
+            f"  depth            {counted(report.num_depth, 'photo')}, "
+            f"{report.depth_coverage:.0%} of their "
             f"pixels; {span} m (1st / 50th / 99th percentile)"
         )
     shares = sorted(report.label_shares.items(), key=lambda item: -item[1])
     named = ", ".join(f"{name} {share:.0%}" for name, share in shares if share >= 0.005)
-    lines.append(
-        f"  labels           {f'{report.num_labels} photos: {named}' if named else 'none'}"
-    )
+    labelled = f"{counted(report.num_labels, 'photo')}: {named}" if named else "none"
+    lines.append(f"  labels           {labelled}")
     photos = report.photo_hint or "nothing speaks against the poses."
     if report.depth_verdict.fits is not None:
         photos = "not asked, because the depth can tell."

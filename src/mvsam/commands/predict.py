@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from mvsam.commands.shared import Device, Scale, load_model, progress_bar
+from mvsam.errors import counted
 
 if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
@@ -77,7 +78,7 @@ class Predict:
         for scene in scenes:
             out = self.out if len(scenes) == 1 else self.out / scene.name
             result = predict_with_bar(self, model, scene, out)
-            print(f"{out}: {len(result.written)} photos predicted{_remark(result)}")
+            print(f"{out}: {counted(len(result.written), 'photo')} predicted{_remark(result)}")
 
 
 def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) -> SceneResult:
@@ -103,6 +104,6 @@ def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) 
 
 
 def _remark(result: SceneResult) -> str:
-    kept = f", {len(result.kept)} were done before" if result.kept else ""
+    kept = f", {len(result.kept)} done before" if result.kept else ""
     skipped = f", {len(result.skipped)} skipped" if result.skipped else ""
     return kept + skipped

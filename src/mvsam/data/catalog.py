@@ -34,6 +34,7 @@ def open_data(
     folders, which come sorted by name, or a list of scenes, as ScanNet's scannetv2_val.txt; all but
     the first of several are opened, and found broken, when they are asked for (`LazyScenes`). A
     folder of photos with depth or labels but without poses is a scene for each photo.
+    `format` is that of every scene; none: found from its files.
     `room_frames` is the number of frames of each room, `room_size` their (width, height), `assets`
     the folder of an asset pack for them; they are rendered once where `cache` names a folder to
     keep them in (other data lie on a disk already). `scale` and `poses` as `open_scene`; a distance
@@ -46,7 +47,7 @@ def open_data(
     path = Path(name)
     if is_scene_list(name) and not path.is_dir():
         folders = listed_scenes(path)
-    elif format is None and poses == "given" and path.is_dir():
+    elif poses == "given" and path.is_dir():
         folders = scene_folders(path) or [path]
     else:
         return [open_scene(path, format, scale, poses)]

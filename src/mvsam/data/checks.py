@@ -11,6 +11,9 @@ RIGID_TOLERANCE = 1e-2
 FARTHEST_CAMERA = 10_000.0
 """Metres from the origin."""
 
+DEPTH_SCALES = (1e-6, 1e6)
+"""Least and largest metres a unit of a depth map, or units in a metre."""
+
 
 def check_intrinsics(matrix: Float[np.ndarray, "3 3"], size: tuple[int, int], item: str) -> None:
     """Raise unless `matrix` is a pinhole calibration of a picture of this (width, height)."""
@@ -33,6 +36,16 @@ def check_intrinsics(matrix: Float[np.ndarray, "3 3"], size: tuple[int, int], it
         raise InputError(
             f"{item}: the principal point ({cx:g}, {cy:g}) is outside the {width}x{height} photo; "
             "scale the first two rows of the intrinsics to the size of the photos."
+        )
+
+
+def check_depth_scale(scale: float, item: str) -> None:
+    """Raise unless `scale` can be metres a unit of a depth map, or units in a metre."""
+    least, largest = DEPTH_SCALES
+    if not least <= scale <= largest:
+        raise InputError(
+            f"{item}: the depth scale is {scale:g}, expected {least:g} to {largest:g}; write what "
+            "a depth of 1 means."
         )
 
 
@@ -59,6 +72,11 @@ def check_pose(matrix: Float[np.ndarray, "4 4"], item: str) -> None:
 
 
 def _check_rotation(rotation: Float[np.ndarray, "3 3"], item: str) -> None:
+    if (largest := np.abs(rotation).max()) > 1e6:  # the square of a much larger one overflows
+        raise InputError(
+            f"{item}: the pose is not rigid, its upper left 3x3 holds {largest:.3g}; it must be a "
+            "pure rotation."
+        )
     gram, determinant = rotation.T @ rotation, np.linalg.det(rotation)
     if np.abs(gram - np.eye(3)).max() <= RIGID_TOLERANCE:
         if determinant < 0:

@@ -52,8 +52,12 @@ def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG")
 
 
 def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -> Iterator[str]:
-    """The same as `transforms.json` with `images/`, `depth/` and `labels/`, all written anew."""
+    """The same as `transforms.json` with `images/`, `depth/` and `labels/`, all written anew.
+
+    InputError for pixels that are no rectangles, which the format cannot say.
+    """
     frames, entries = _posed_frames(scene), []
+    _check_no_skew(scene.name, frames)
     _check_form(folder, ("color", "poses"))
     _check_names(frames, folder, ("images", "depth", "labels"))
     (folder / "transforms.json").unlink(missing_ok=True)  # of pictures that are now replaced
@@ -70,6 +74,15 @@ def write_nerfstudio(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG") -
         yield frame.name
     content: dict[str, Any] = {"camera_model": "PINHOLE", "depth_unit_scale_factor": 1e-3}
     write_json(folder / "transforms.json", content | {"frames": entries})
+
+
+def _check_no_skew(scene: str, frames: Sequence[Frame]) -> None:
+    for frame in frames:
+        if abs(skew := frame.intrinsics[0, 1]) > 1e-6:
+            raise InputError(
+                f"{scene} frame {frame.name}: has a skew of {skew:.3g} pixels, which "
+                "transforms.json cannot hold; write a posed folder."
+            )
 
 
 def _posed_frames(scene: Scene) -> list[Frame]:

@@ -14,6 +14,7 @@ from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.pose_check import AS_GIVEN, MAXIMUM_FRAMES, READINGS
 from mvsam.data.registration_check import BESIDE, is_unregistered
 from mvsam.data.transforms import resize_intrinsics, resize_nearest
+from mvsam.errors import counted
 from mvsam.types import Frame
 
 DepthRange = tuple[float, float]
@@ -108,7 +109,7 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
     with_depth = [frame for frame in frames if frame.load_depth is not None]
     with_depth = with_depth[:: -(-len(with_depth) // MAXIMUM_FRAMES) or 1]
     if len(with_depth) < FEWEST_FRAMES:
-        few = f"{len(with_depth)} frames with depth are not enough to judge the cameras by."
+        few = f"{counted(len(with_depth), 'frame')} with depth: too few to judge the cameras by."
         return Verdict(None, few, {})
     pairs = _pairs(with_depth, depth_range)
     known = ALL_READINGS + (IN_ANOTHER_UNIT if len(with_depth) >= FEWEST_FOR_UNITS else ())

@@ -23,6 +23,14 @@ LABEL_MODES = ("L", "P")
 Size = tuple[int, int]
 
 
+def is_file(path: Path) -> bool:
+    """Whether a file is there, links followed; none can be under a name of a thousand letters."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def read_header(path: Path, kind: str = "photo") -> tuple[Size, str]:
     """((width, height), Pillow mode) of a picture without decoding its pixels."""
     try:

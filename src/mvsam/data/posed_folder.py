@@ -22,7 +22,7 @@ from mvsam.data.files import (
     load_photo,
 )
 from mvsam.data.labels import SCANNET20, ClassTable, read_class_table
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.types import Frame
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -187,7 +187,8 @@ def _check_pairing(path: Path, photos: Files, poses: Files) -> None:
     complaints = [f"no pose for {_some(without_pose)}"] if without_pose else []
     complaints += [f"no photo for {_some(without_photo)}"] if without_photo else []
     raise InputError(
-        f"{path}: {len(photos)} photos but {len(poses)} poses, {' and '.join(complaints)}; "
+        f"{path}: {counted(len(photos), 'photo')} but {counted(len(poses), 'pose')}, "
+        f"{' and '.join(complaints)}; "
         "every color/NAME.jpg or .png needs its poses/NAME.txt and nothing else may lie there."
     )
 

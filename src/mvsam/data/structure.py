@@ -9,7 +9,7 @@ from mvsam.data.files import check_photo
 from mvsam.data.posed_folder import PHOTO_SUFFIXES
 from mvsam.data.readers.colmap import import_pycolmap, is_colmap
 from mvsam.data.video import VIDEO_SUFFIXES, thinned_frames
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.files import writable_folder
 
 PHOTO_PLACES = ("images", "color", "rgb", "")
@@ -60,7 +60,9 @@ def _reconstruct(photos: Path, model: Path) -> None:
     """Writes the largest model that COLMAP builds; camera and lens are estimated with it."""
     files = _photos(photos)
     if len(files) < FEWEST_PHOTOS:
-        raise InputError(f"{photos}: {len(files)} photos are too few for COLMAP; take 3 or more.")
+        raise InputError(
+            f"{photos}: {counted(len(files), 'photo')}, too few for COLMAP; take 3 or more."
+        )
     pycolmap = import_pycolmap()
     log.warning("%s: COLMAP seeks the poses of %d photos.", photos, len(files))
     with tempfile.TemporaryDirectory(dir=model.parent) as work:

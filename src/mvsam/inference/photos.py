@@ -9,7 +9,7 @@ from torch import nn
 
 from mvsam.data.checks import check_intrinsics, check_pose
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, estimate_depth_range
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.session import Session
 from mvsam.precision import Precision
@@ -47,7 +47,7 @@ def predict(
         )
     if not 2 <= len(images) <= MOST_VIEWS:
         raise InputError(
-            f"{len(images)} photos were given; give 2 to {MOST_VIEWS} that overlap, "
+            f"{counted(len(images), 'photo')} given; give 2 to {MOST_VIEWS} that overlap, "
             "or a whole scene to predict_scene."
         )
     photos = zip(images, intrinsics, world_from_cam, strict=True)

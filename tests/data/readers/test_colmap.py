@@ -273,3 +273,13 @@ def test_panoramas_are_refused(tmp_path, form):
         pycolmap.Reconstruction(str(folder)).write_binary(str(folder))
     with pytest.raises(InputError, match=r"0000\.png: COLMAP's EQUIRECTANGULAR pictures"):
         open_scene(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["!" * 300, "x" * 300, ".", "/", "x/..", "x/../../0000.png"])
+def test_a_name_that_no_photo_can_have_is_refused(tmp_path, name):
+    """Those before 0000.png, in the order of names, tell where the photos lie; others follow."""
+    write_colmap(tmp_path)
+    file = tmp_path / "sparse/0/images.txt"
+    file.write_text(file.read_text().replace("0002.png", name))
+    with pytest.raises(InputError):
+        open_scene(tmp_path)

@@ -1,14 +1,19 @@
 """Whatever the bytes of a scene's files say, only our own error comes out, and soon.
 
-Each case is a whole folder of one format in which a file was cut, overwritten in places, or
-replaced by made-up text.
+Each case is a whole folder of one format in which a file was cut, overwritten in places, replaced
+by made-up text, or given one absurd word or value.
 """
 
 import contextlib
 import json
+import re
 import shutil
+import time
+import tracemalloc
 import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +44,7 @@ FUZZED = {
     "colmap": ("sparse/0/cameras.txt", "sparse/0/images.txt"),
     "scannet": ("pose/0.txt", "intrinsic/intrinsic_depth.txt", "label-filt/0.png"),
     "scannet-sens": ("scan.sens", "scan_2d-label-filt.zip", "scannetv2-labels.combined.tsv"),
-    "tum": ("rgb.txt", "groundtruth.txt", "intrinsics.txt"),
+    "tum": ("rgb.txt", "depth.txt", "groundtruth.txt", "intrinsics.txt"),
     "ios-logger": ("Frames.txt", "ARposes.txt"),
     "arkitscenes": (
         "scene_frames/lowres_wide_intrinsics/scene_4300.000.pincam",
@@ -70,8 +75,32 @@ def broken(request, tmp_path_factory):
     return name, folder, folder / file, (folder / file).read_bytes()
 
 
+MOST_MEMORY = 32 * 2**20
+"""Bytes that a scene of 64x48 pixels may take; its files have a few kilobytes."""
+MOST_SECONDS = 5
+"""Of the processor; a scene takes some hundredths."""
+
+
+@contextlib.contextmanager
+def bounded() -> Iterator[None]:
+    """Fails where Python and NumPy took more memory or time than a small file can need."""
+    start = time.process_time()
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < MOST_MEMORY and time.process_time() - start < MOST_SECONDS
+
+
 def read_everything(name: str, folder: Path) -> None:
-    """Opens the scene and decodes all; InputError is the only way to fail."""
+    """Opens the scene and decodes all within bounds; InputError is the only way to fail."""
+    with bounded():
+        read_all_or_refuse(name, folder)
+
+
+def read_all_or_refuse(name: str, folder: Path) -> None:
     try:
         scene = FORMATS[name].open(folder)
         for index in range(len(scene)):
@@ -82,8 +111,18 @@ def read_everything(name: str, folder: Path) -> None:
         assert "\n" not in str(error).strip()
 
 
+ABSURD_WORDS = (
+    ".", "/", "..", "a/..", "x" * 300, "x/" * 3000, "9" * 400, "9" * 5000, "-1", "0", "nan", "inf",
+    "1e999", "1e200", "1e-320",
+)  # fmt: skip
+ABSURD_VALUES = (
+    *ABSURD_WORDS, 10**400, -(10**400), -1, 0, float("nan"), float("inf"), 1e200, 1e-320,
+    None, [], {},
+)  # fmt: skip
 numbers = st.one_of(
-    st.integers(-(2**70), 2**70), st.floats(allow_nan=True), st.sampled_from(["-inf", "1e400", "x"])
+    st.integers(-(2**70), 2**70),
+    st.floats(allow_nan=True),
+    st.sampled_from(["-inf", "1e400", "x", 10**400]),
 )
 texts = st.one_of(
     st.text(max_size=200),
@@ -96,6 +135,38 @@ texts = st.one_of(
         max_leaves=12,
     ).map(lambda value: json.dumps(value, allow_nan=True)),
 )
+
+
+def places(value: Any) -> Iterator[Callable[[Any], None]]:
+    """For each value inside parsed JSON what puts another in its place."""
+    keys = range(len(value)) if isinstance(value, list) else value
+    if isinstance(value, list | dict):
+        for key in keys:
+            yield lambda new, key=key: value.__setitem__(key, new)
+            yield from places(value[key])
+
+
+def with_an_absurd_value(content: bytes, draw: Callable[[st.SearchStrategy], Any]) -> bytes:
+    """Of JSON one value, of other text one word, is replaced by what breaks careless readers."""
+    with contextlib.suppress(ValueError):
+        value = json.loads(content)
+        draw(st.sampled_from([*places(value)]))(draw(st.sampled_from(ABSURD_VALUES)))
+        return json.dumps(value).encode()
+    words = [*re.finditer(rb"[^\s,]+", content)]
+    word = words[draw(st.integers(0, len(words) - 1))]
+    absurd = draw(st.sampled_from(ABSURD_WORDS)).encode()
+    return content[: word.start()] + absurd + content[word.end() :]
+
+
+@QUICK
+@given(data=st.data())
+def test_an_absurd_word_or_value_ends_in_our_own_error_or_is_read(broken, data):
+    name, folder, file, content = broken
+    file.write_bytes(with_an_absurd_value(content, data.draw))
+    try:
+        read_everything(name, folder)
+    finally:
+        file.write_bytes(content)
 
 
 @QUICK

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mvsam.data.readers.listed import ListedScene
+from mvsam.data.readers.listed import ListedScene, file_inside
 from mvsam.errors import InputError
 from mvsam.types import Frame
 
@@ -25,3 +25,17 @@ def test_none_and_two_of_one_name_are_refused():
         ListedScene("room", [])
     with pytest.raises(InputError, match="two frames are called a"):
         ListedScene("room", [FRAME, FRAME])
+
+
+@pytest.mark.parametrize("path", [".", "./.", "a/..", "/", "..", "a/../..", "/etc/passwd", "", 3])
+def test_a_path_that_names_no_file_of_the_folder_is_refused(tmp_path, path):
+    with pytest.raises(InputError, match=r"^room: "):
+        file_inside(tmp_path, path, "room")
+
+
+def test_a_link_may_lead_out_of_the_folder(tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "disk/a.png").touch()
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room/images").symlink_to(tmp_path / "disk")
+    assert file_inside(tmp_path / "room", "images/a.png", "room").is_file()

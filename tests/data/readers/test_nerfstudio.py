@@ -78,7 +78,7 @@ def test_intrinsics_of_a_frame_overrule_the_shared_ones(tmp_path):
 def test_a_lens_is_taken_away_with_a_message(tmp_path, caplog):
     truth, _ = write_nerfstudio(tmp_path, k1=-0.2, camera_model="OPENCV")
     frame = open_scene(tmp_path).frame(0)
-    assert "3 pictures are undistorted" in caplog.text
+    assert "3 pictures undistorted" in caplog.text
     assert np.abs(frame.image.astype(int) - truth[0].image).mean() > 1
     assert frame.depth is not None and (frame.depth[0, 0] == 0) != (frame.depth[0, 0] > 0)
 
@@ -101,6 +101,8 @@ def test_depth_in_another_unit(tmp_path):
         ({"fl_x": float("nan")}, "not a number"),
         ({"w": 100, "h": 100}, "another shape"),
         ({"fl_x": -5.0}, "must be positive"),
+        ({"depth_unit_scale_factor": -1}, "the depth scale is -1"),
+        ({"depth_unit_scale_factor": 0}, "the depth scale is 0"),
     ],
 )
 def test_a_broken_file_says_what_to_do(tmp_path, change, message):
@@ -130,8 +132,54 @@ def test_what_is_no_json_object_is_refused(tmp_path, text):
 
 def test_a_transform_that_is_no_matrix_is_refused(tmp_path):
     _, content = write_nerfstudio(tmp_path)
-    for wrong in (None, "x", [[1, 2], [3]], [1, 2, 3], [[float("nan")] * 4] * 4):
+    numbers = (float("nan"), float("inf"), 1e200, 10**400)
+    matrices = [[[number] * 4] * 3 + [[0, 0, 0, 1]] for number in numbers]
+    for wrong in (None, "x", [[1, 2], [3]], [1, 2, 3], *matrices):
         content["frames"][0]["transform_matrix"] = wrong
         (tmp_path / "transforms.json").write_text(json.dumps(content))
         with pytest.raises(InputError):
             open_scene(tmp_path)
+
+
+@pytest.mark.parametrize("path", [".", "/", "images/..", "x" * 300, "x/" * 5000 + "x"])
+@pytest.mark.parametrize("key", ["file_path", "depth_file_path", "label_file_path"])
+def test_a_path_that_no_file_can_have_is_refused(tmp_path, key, path):
+    _, content = write_nerfstudio(tmp_path)
+    for frame in content["frames"]:
+        frame[key] = path
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"transforms\.json frame 0: "):
+        open_scene(tmp_path)
+
+
+def write_two_sizes(path, focal: dict, **changes) -> None:
+    """Every photo 64x48 but the second, which is 32x24; the calibration says only `focal`."""
+    _, content = write_nerfstudio(path)
+    for key in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
+        del content[key]
+    for frame in content["frames"]:
+        del frame["depth_file_path"], frame["label_file_path"]
+    photo = path / content["frames"][1]["file_path"]
+    Image.open(photo).resize((32, 24)).save(photo)
+    content["frames"][1] |= changes
+    (path / "transforms.json").write_text(json.dumps(content | focal))
+
+
+def test_a_focal_length_in_pixels_cannot_serve_photos_of_two_sizes(tmp_path):
+    write_two_sizes(tmp_path, {"fl_x": 50.0})
+    with pytest.raises(InputError, match=r"0000 \(64x48\) and 0001 \(32x24\) differ in size"):
+        open_scene(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "focal, changes, expected",
+    [
+        ({"fl_x": 50.0, "w": 64, "h": 48}, {}, 25),
+        ({"fl_x": 50.0}, {"w": 64, "h": 48}, 25),
+        ({"fl_x": 50.0}, {"fl_x": 26.0}, 26),
+        ({"camera_angle_x": 2 * np.arctan(0.5)}, {}, 32),
+    ],
+)
+def test_photos_of_two_sizes_may_share_what_is_of_a_stated_size(tmp_path, focal, changes, expected):
+    write_two_sizes(tmp_path, focal, **changes)
+    assert open_scene(tmp_path).frame(1).intrinsics[0, 0] == pytest.approx(expected)

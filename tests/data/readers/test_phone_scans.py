@@ -31,7 +31,7 @@ def test_keyframes_of_the_video_are_decoded_when_there_are_no_pictures(tmp_path,
     pictures = [frames[n // 2].image for n in range(2 * len(frames))]
     write_video(tmp_path / "Frames.m4v", pictures, rate=60)
     scene = open_scene(tmp_path)
-    assert "8 keyframes are decoded" in caplog.text
+    assert "8 keyframes decoded" in caplog.text
     assert [scene.frame(i).name for i in range(len(scene))] == [f"{2 * n:06d}" for n in range(8)]
     for index, view in enumerate(frames):
         errors = [
@@ -70,6 +70,8 @@ def test_pictures_without_a_pose_in_time_count_as_lost(tmp_path, frames, caplog)
         ("ARposes.txt", "100, 0, 0, 0, 0, 0, 0, 0", "no rotation"),
         ("ARposes.txt", "100, 0, 0", "expected 'time, tx, ty, tz, qw"),
         ("ARposes.txt", "100, nan, 0, 0, 1, 0, 0, 0", "not finite"),
+        ("ARposes.txt", "nan, 0, 0, 0, 1, 0, 0, 0", "line 1: .*time stamp nan is not finite"),
+        ("Frames.txt", "nan, 0, 1600, 1600, 960, 720", "line 1: .*time stamp nan is not finite"),
     ],
 )
 def test_broken_recordings_say_what_to_do(tmp_path, frames, file, text, message):
@@ -108,10 +110,12 @@ def test_pictures_between_two_poses_are_left_out(tmp_path, frames, caplog):
     [
         ("lowres_wide.traj", "4300 1 2", "expected 'time rx ry rz tx ty tz'"),
         ("lowres_wide.traj", "4300 nan 0 0 0 0 0", "expected 'time rx"),
+        ("lowres_wide.traj", "4300 0 1e999 0 0 0 0", "one is not finite or too large"),
         ("lowres_wide_intrinsics/42_4300.000.pincam", "160 120", "expected 'width height"),
         ("lowres_wide_intrinsics/42_4300.000.pincam", "", "expected 'width height"),
         ("lowres_wide_intrinsics/42_4300.000.pincam", "256 192 1 1 9 9", "is for 256x192"),
         ("lowres_wide/42_soon.png", "", "does not end with a time"),
+        ("lowres_wide/42_nan.png", "", "does not end with a time"),
         ("lowres_depth/42_4300.000.png", "no picture", "the depth map cannot be read"),
     ],
 )

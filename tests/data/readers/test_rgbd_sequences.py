@@ -85,6 +85,12 @@ def test_tum_cameras_follow_the_name_of_the_folder(tmp_path):
         ("groundtruth.txt", "1305031102.1 0 0 0 0 0 0 0", "no rotation"),
         ("groundtruth.txt", "1 0 0 0 0 0 0 1", "no frame"),
         ("groundtruth.txt", "1305031102.1 nan 0 0 0 0 0 1", "not finite"),
+        ("groundtruth.txt", "nan 0 0 0 0 0 0 1", "line 1: .*time stamp nan is not finite"),
+        ("rgb.txt", "inf rgb/1.png", "line 1: .*time stamp inf is not finite"),
+        ("depth.txt", "nan depth/1.png", "line 1: .*time stamp nan is not finite"),
+        ("rgb.txt", "1305031102.1 " + "x" * 300, "cannot be read"),
+        ("rgb.txt", "1305031102.1 .", "name a file in it"),
+        ("intrinsics.txt", "50 0 32\n0 50 24\n7 8 9", "not of the form"),
     ],
 )
 def test_broken_tum_lists_say_what_to_do(tmp_path, file, text, message):
@@ -174,14 +180,21 @@ def test_replica_comes_back(tmp_path):
         assert 10 * np.log10(255**2 / error.mean()) > 38
 
 
+def replica_camera(fx: str = "600", scale: str = "1000") -> str:
+    return f'{{"camera": {{"fx": {fx}, "fy": 600, "cx": 32, "cy": 24, "scale": {scale}}}}}'
+
+
 @pytest.mark.parametrize(
     "file, text, message",
     [
         ("traj.txt", "1 2 3", "16 numbers"),
-        ("traj.txt", " ".join(["1"] * 16), "3 photos but 1 poses"),
+        ("traj.txt", " ".join(["1"] * 16), "3 photos but 1 pose in"),
         ("traj.txt", "a b", "cannot be read"),
         ("cam_params.json", "{}", "expected an object"),
         ("cam_params.json", "[" * 100_000, "expected an object"),
+        ("cam_params.json", replica_camera(fx="1" + "0" * 400), "expected an object"),
+        ("cam_params.json", replica_camera(scale="1e999"), "the depth scale is inf"),
+        ("cam_params.json", replica_camera(scale="0"), "the depth scale is 0"),
     ],
 )
 def test_broken_replica_folders_say_what_to_do(tmp_path, file, text, message):

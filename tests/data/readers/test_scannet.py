@@ -122,6 +122,8 @@ def test_every_cut_and_many_wrong_bytes_are_refused_or_read(tmp_path):
         (4, 2**40, "name is longer"),
         (283, 7, "not supported"),
         (291, 10**6, "1000000x48"),
+        (299, 16384 * (2**32 + 1), "and 16384x16384 pixels"),
+        (307, 0, "the depth scale is 0"),
         (311, 2**50, "too short"),
     ],
 )
@@ -129,11 +131,25 @@ def test_a_header_that_cannot_be_is_refused_before_memory_is_taken(tmp_path, pla
     write_raw(tmp_path / "scan")
     file = tmp_path / "scan" / "scene0000_00.sens"
     content = bytearray(file.read_bytes())
-    size = 8 if place in (4, 311) else 4
+    size = 8 if place in (4, 299, 311) else 4
     content[place : place + size] = value.to_bytes(size, "little")
     file.write_bytes(content)
     with pytest.raises(InputError, match=message):
         SensFile(file)
+
+
+def test_depth_that_its_bytes_cannot_hold_is_refused_before_memory_is_taken(tmp_path):
+    write_raw(tmp_path / "scan")
+    file = tmp_path / "scan" / "scene0000_00.sens"
+    content = bytearray(file.read_bytes())
+    content[299:307] = (4096).to_bytes(4, "little") * 2
+    file.write_bytes(content)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="too short for 4096x4096 pixels"):
+        SensFile(file).depth(0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
 
 
 def write_exported(path, label_type=np.uint16):
@@ -210,3 +226,12 @@ def test_the_twenty_classes_in_benchmark_order():
     ids = np.array([[0, 1, 2, 5, 12, 13, 14], [16, 24, 28, 33, 34, 36, 39]])
     expected = [[IGNORE, 0, 1, 4, 11, IGNORE, 12], [13, 14, 15, 16, 17, 18, 19]]
     np.testing.assert_array_equal(from_nyu40(ids), expected)
+
+
+def test_a_zipped_label_picture_of_an_absurd_number_is_refused(tmp_path):
+    write_raw(tmp_path / "scan")
+    file = tmp_path / "scan/scene0000_00_2d-label-filt.zip"
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr(f"label-filt/{'9' * 5000}.png", b"")
+    with pytest.raises(InputError, match=r"label-filt\.zip: cannot be read"):
+        open_scene(tmp_path / "scan")

@@ -22,7 +22,7 @@ def folder(tmp_path):
 def test_each_photo_is_a_scene_with_its_depth_and_labels(folder, caplog):
     path, truth = folder
     scenes = open_data(str(path))
-    assert "its 3 photos stand alone" in caplog.text
+    assert "3 photos taken alone" in caplog.text
     assert [scene.name for scene in scenes] == ["nyu/0000", "nyu/0001", "nyu/0002"]
     for scene, view in zip(scenes, truth, strict=True):
         assert len(scene) == 1

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from mvsam.data.files import check_photo, load_depth, load_photo, read_header
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics
-from mvsam.data.readers.trajectory import Trajectory, read_trajectory, text_lines
+from mvsam.data.readers.trajectory import Trajectory, read_trajectory, text_lines, time_stamp
 from mvsam.data.transforms import resize_nearest
 from mvsam.errors import InputError
 from mvsam.geometry.pose import pose_from_rotation_vector
@@ -89,7 +89,7 @@ def _timed(folder: Path, suffix: str) -> Files:
     files = []
     for file in folder.glob(f"*{suffix}") if folder.is_dir() else []:
         try:
-            files.append((float(file.name.removesuffix(suffix).rpartition("_")[2]), file))
+            files.append((time_stamp(file.name.removesuffix(suffix).rpartition("_")[2]), file))
         except ValueError as error:
             raise InputError(f"{file}: its name does not end with a time; remove it.") from error
     return sorted(files)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mvsam.data.checks import check_pose
-from mvsam.data.files import check_map, check_photo, load_depth, load_photo
+from mvsam.data.files import check_map, check_photo, is_file, load_depth, load_photo
 from mvsam.data.readers.colmap_binary import check_binary_model
 from mvsam.data.readers.colmap_scale import metres_a_unit
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
@@ -93,8 +93,8 @@ def open_colmap(path: Path) -> Scene:
 def _depth_files(photos: Path, names: list[str]) -> dict[str, Path]:
     """Name of each image that has a measured depth -> its file."""
     folder = (photos.parent if photos.name else photos) / "depth"
-    files = {name: (folder / name).with_suffix(".png") for name in names}
-    return {name: file for name, file in files.items() if file.is_file()}
+    files = {name: file_inside(folder, name, str(photos)).with_suffix(".png") for name in names}
+    return {name: file for name, file in files.items() if is_file(file)}
 
 
 def _frame(photos: Path, image, camera, folder: Path, depth: Path | None) -> Frame:
@@ -171,7 +171,7 @@ def _photo_folder(path: Path, model: Path, names: list[str]) -> Path:
     if model == path:  # a bare model: its photos may lie beside sparse/0
         places += [above / "images" for above in path.resolve().parents[:2]]
     for place in places:
-        if (place / names[0]).is_file():
+        if is_file(place / names[0]):
             return place
     raise InputError(f"{path}: its photo {names[0]} is not in images/; put the photos there.")
 

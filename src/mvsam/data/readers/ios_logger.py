@@ -15,10 +15,10 @@ from jaxtyping import Float
 from mvsam.data.files import check_photo, load_photo
 from mvsam.data.keyframes import keyframes
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, numbered_files
-from mvsam.data.readers.trajectory import Trajectory, read_trajectory, text_lines
+from mvsam.data.readers.trajectory import Trajectory, read_trajectory, text_lines, time_stamp
 from mvsam.data.transforms import resize_intrinsics
 from mvsam.data.video import extract_frames
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL, pose_from_quaternion
 from mvsam.types import Frame
 
@@ -64,7 +64,7 @@ def _read_shots(file: Path, trajectory: Trajectory) -> Shots:
     shots: Shots = {}
     for line, words in text_lines(file):
         try:
-            time, number, *camera = (float(word) for word in words)
+            time, (number, *camera) = time_stamp(words[0]), (float(word) for word in words[1:])
             if len(camera) != 4 or not 0 <= number < 1e9:
                 raise ValueError(f"{len(words)} numbers")
         except ValueError as error:
@@ -88,7 +88,7 @@ def _pictures(path: Path, shots: Shots) -> dict[int, Path]:
         return found
     if not video.is_file():
         raise InputError(f"{path}: neither Frames.m4v nor a folder frames/ with pictures is there.")
-    log.warning("%s: %d keyframes are decoded into %s.", video, len(kept), path / "frames")
+    log.warning("%s: %s decoded into %s.", video, counted(len(kept), "keyframe"), path / "frames")
     return extract_frames(video, path / "frames", kept.__contains__, end=max(kept) + 1)
 
 

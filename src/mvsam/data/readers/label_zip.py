@@ -23,9 +23,9 @@ def list_labels(archive: Path) -> dict[int, str]:
     try:
         with zipfile.ZipFile(archive) as file:
             names = [name for name in file.namelist() if name.lower().endswith(".png")]
+        return {int(Path(name).stem): name for name in names if Path(name).stem.isdecimal()}
     except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
         raise InputError(f"{archive}: cannot be read ({error}); download it again.") from error
-    return {int(Path(name).stem): name for name in names if Path(name).stem.isdecimal()}
 
 
 def read_label(archive: Path, name: str) -> bytes:

@@ -102,7 +102,11 @@ def checked(frame: Frame, item: str | Path) -> Frame:
 
 
 def file_inside(folder: Path, relative: object, item: str) -> Path:
-    """`folder / relative`; InputError for a path that is absolute or leaves the folder."""
+    """`folder / relative`; InputError for a path that is absolute or leaves the folder.
+
+    The path's text decides, so that a data file cannot name what lies elsewhere. Links inside the
+    folder may lead out of it: whoever owns the disk made them, to keep large data on another one.
+    """
     if not isinstance(relative, str) or not relative or "\0" in relative:
         raise InputError(f"{item}: {relative!r} is no file path; write one relative to {folder}.")
     path = Path(relative)
@@ -111,6 +115,8 @@ def file_inside(folder: Path, relative: object, item: str) -> Path:
         depth += -1 if part == ".." else part != "."
         if depth < 0 or path.is_absolute():
             raise InputError(f"{item}: {relative} leaves the folder {folder}; keep files inside.")
+    if depth == 0:
+        raise InputError(f"{item}: {relative} is the folder {folder} itself; name a file in it.")
     return folder / path
 
 

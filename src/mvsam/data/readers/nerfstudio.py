@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from mvsam.data.files import check_map, check_photo, load_depth, load_labels, load_photo
+from mvsam.data.checks import check_depth_scale, check_pose
+from mvsam.data.files import check_map, check_photo, is_file, load_depth, load_labels, load_photo
 from mvsam.data.posed_folder import read_classes
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
 from mvsam.data.undistort import Distortion, undistort
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import IGNORE, Frame
 
@@ -48,9 +49,10 @@ def open_nerfstudio(path: Path) -> ListedScene:
         _frame(path, content, entry, name, len(classes), f"{file} frame {index}")
         for index, (entry, name) in enumerate(zip(entries, names, strict=True))
     ]
+    _check_one_size(file, content, entries, frames)
     bent = sum(not _distortion({**content, **entry}, str(file)).is_none for entry in entries)
     if bent:
-        log.warning("%s: %d pictures are undistorted while they are read.", file, bent)
+        log.warning("%s: %s undistorted while read.", file, counted(bent, "picture"))
     return ListedScene(path.resolve().name, frames, classes=classes)
 
 
@@ -68,14 +70,32 @@ def _names(entries: list, file: Path) -> list[str]:
     """Stems of the pictures, or their whole paths where stems are not unique."""
     paths = []
     for index, entry in enumerate(entries):
+        item = f"{file} frame {index}"
         path = entry.get("file_path") if isinstance(entry, dict) else None
         if not isinstance(path, str) or not path:
-            raise InputError(f"{file} frame {index}: has no 'file_path' of a picture.")
+            raise InputError(f"{item}: has no 'file_path' of a picture.")
+        file_inside(file.parent, path, item)
         paths.append(path)
     stems = [Path(path).stem for path in paths]
     if len(set(stems)) == len(stems):
         return stems
     return [str(Path(path).with_suffix("")).strip("./").replace("/", "_") for path in paths]
+
+
+def _check_one_size(file: Path, content: dict, entries: list, frames: list[Frame]) -> None:
+    """Raise where photos of two sizes share a focal length in pixels that is of no stated size."""
+    focal, size = {"fl_x", "fl_y"}, {"w", "h"}
+    if not focal & content.keys() or size & content.keys():
+        return
+    pairs = zip(entries, frames, strict=True)
+    sharing = [frame for entry, frame in pairs if not (focal | size) & entry.keys()]
+    other = next((frame for frame in sharing if frame.size != sharing[0].size), None)
+    if other:
+        both = " and ".join(f"{f.name} ({f.size[0]}x{f.size[1]})" for f in (sharing[0], other))
+        raise InputError(
+            f"{file}: photos {both} differ in size but share 'fl_x'; write the 'w' and 'h' that it "
+            "was calibrated for beside it, or each photo's own in its frame."
+        )
 
 
 def _frame(path: Path, content: dict, entry: dict, name: str, num_classes: int, item: str) -> Frame:
@@ -87,6 +107,7 @@ def _frame(path: Path, content: dict, entry: dict, name: str, num_classes: int, 
     depth = _map(path, entry, "depth", size, item)
     labels = _map(path, entry, "label", size, item)
     scale = _number({**content, **entry}, "depth_unit_scale_factor", item, default=1e-3)
+    check_depth_scale(scale, f"{item}, depth_unit_scale_factor")
     frame = Frame(
         name=name,
         size=size,
@@ -103,7 +124,7 @@ def _existing(path: Path, relative: object, item: str) -> Path:
     wanted = file_inside(path, relative, item)
     for suffix in _SUFFIXES:
         candidate = wanted.with_name(wanted.name + suffix)
-        if candidate.is_file():
+        if is_file(candidate):
             return candidate
     raise InputError(f"{item}: there is no picture {wanted}; put it back or remove the frame.")
 
@@ -113,7 +134,7 @@ def _map(path: Path, entry: dict, kind: str, size: tuple[int, int], item: str) -
     if relative is None:
         return None
     file = file_inside(path, relative, item)
-    if not file.is_file():
+    if not is_file(file):
         raise InputError(f"{item}: there is no {kind} map {file}; put it back or remove its key.")
     check_map(file, kind, size)
     return file
@@ -123,12 +144,13 @@ def _matrix(entry: dict, item: str) -> np.ndarray:
     """Camera to world, OpenGL axes."""
     try:
         matrix = np.array(entry.get("transform_matrix"), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape == (3, 4):
         matrix = np.vstack([matrix, [0, 0, 0, 1]])
     if matrix.shape != (4, 4):
         raise InputError(f"{item}: 'transform_matrix' is not 4x4; write camera to world.")
+    check_pose(matrix, item)  # before it is multiplied: infinity times 0 is a warning of NumPy's
     return matrix
 
 

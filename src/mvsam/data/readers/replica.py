@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mvsam.data.checks import check_depth_scale
 from mvsam.data.files import check_map, check_photo, load_photo, load_pixels
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.types import Frame
 
 CAMERA = {"fx": 600.0, "fy": 600.0, "cx": 599.5, "cy": 339.5, "scale": 6553.5}
@@ -26,7 +27,8 @@ def open_replica(path: Path) -> ListedScene:
     poses = _read_trajectory(path / "traj.txt")
     if len(photos) != len(poses):
         raise InputError(
-            f"{path}: {len(photos)} photos but {len(poses)} poses in traj.txt; copy all again."
+            f"{path}: {counted(len(photos), 'photo')} but {counted(len(poses), 'pose')} in "
+            "traj.txt; copy all again."
         )
     frames = [_frame(photo, pose, camera) for photo, pose in zip(photos, poses, strict=True)]
     return ListedScene(path.resolve().name, frames)
@@ -55,12 +57,13 @@ def _read_camera(path: Path) -> dict[str, float]:
             try:
                 given = json.loads(file.read_text())["camera"]
                 camera = {key: float(given[key]) for key in CAMERA}
-            except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            except (
+                OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError,
+            ) as error:  # fmt: skip
                 raise InputError(
                     f"{file}: expected an object 'camera' with {', '.join(CAMERA)} ({error!r})."
                 ) from error
-            if not camera["scale"] > 0:
-                raise InputError(f"{file}: the depth scale must be positive.")
+            check_depth_scale(camera["scale"], str(file))
             return camera
     return CAMERA
 

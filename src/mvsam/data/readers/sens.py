@@ -16,13 +16,17 @@ import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 from PIL import Image
 
+from mvsam.data.checks import check_depth_scale
 from mvsam.data.register import read_at_pixels
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.types import Frame
 
 VERSION = 4
 _JPEG_OR_PNG, _ZLIB = (1, 2), 1
-_LARGEST_SIDE = 16384
+_MOST_PIXELS = 16 * 2**20
+"""Of a picture; ScanNet's have 1.3 million."""
+_MOST_PACKED = 1032
+"""Bytes that one byte of zlib's can stand for at most."""
 _HEAD = struct.Struct("<16fQQQQ")
 """Of a frame: camera to world, two time stamps, bytes of colour, bytes of depth."""
 
@@ -100,14 +104,14 @@ class SensFile:
     def depth_pixels(self, index: int) -> UInt16[np.ndarray, "height width"]:
         """As stored: `depth_units` of the header are a metre."""
         width, height = self.header.depth_size
-        unpacker = zlib.decompressobj()
+        packed, size = self._bytes(self.frames[index].depth_place), 2 * width * height
+        if size > _MOST_PACKED * len(packed):  # known before memory is taken for it
+            raise self._broken(f"depth of frame {index} is too short for {width}x{height} pixels")
         try:
-            data = unpacker.decompress(
-                self._bytes(self.frames[index].depth_place), 2 * width * height
-            )
+            data = zlib.decompressobj().decompress(packed, size)
         except zlib.error as error:
             raise self._broken(f"depth of frame {index} cannot be unpacked: {error}") from error
-        if len(data) != 2 * width * height:
+        if len(data) != size:
             raise self._broken(f"depth of frame {index} has {len(data)} bytes")
         return np.frombuffer(data, "<u2").reshape(height, width)
 
@@ -134,12 +138,11 @@ class SensFile:
                 f"colour coding {color_coding} or depth coding {depth_coding} is not supported "
                 "(JPEG or PNG, zlib)"
             )
-        if not all(0 < side <= _LARGEST_SIDE for side in (color_w, color_h, depth_w, depth_h)):
+        if not all(0 < pixels <= _MOST_PIXELS for pixels in (color_w * color_h, depth_w * depth_h)):
             raise self._broken(f"pictures of {color_w}x{color_h} and {depth_w}x{depth_h} pixels")
-        if not 0 < units < 1e6:
-            raise self._broken(f"{units} depth units in a metre")
+        check_depth_scale(units, str(self.path))
         if count > self._end // _HEAD.size:
-            raise self._broken(f"it claims {count} frames but is too short for them")
+            raise self._broken(f"it claims {counted(count, 'frame')} but is too short for them")
         header = SensHeader(
             _corner(matrices[0]), _corner(matrices[2]), (color_w, color_h), (depth_w, depth_h),
             units,

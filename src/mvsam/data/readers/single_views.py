@@ -14,7 +14,7 @@ import numpy as np
 from mvsam.data.files import check_photo, load_depth, load_labels, load_photo
 from mvsam.data.posed_folder import list_maps, list_photos, read_classes, read_intrinsics
 from mvsam.data.readers.listed import ListedScene
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.types import Frame, Scene
 
 log = logging.getLogger("mvsam")
@@ -47,7 +47,7 @@ class SingleViews(Sequence[Scene]):
         self._intrinsics = read_intrinsics(path, self._sizes)
         self._depth = list_maps(path, "depth", self._sizes)
         self._labels = list_maps(path, "label", self._sizes)
-        log.warning("%s: has no poses/; its %d photos stand alone.", path, len(self._chosen))
+        log.warning("%s: has no poses/; %s taken alone.", path, counted(len(self._chosen), "photo"))
 
     def __len__(self) -> int:
         return len(self._chosen)

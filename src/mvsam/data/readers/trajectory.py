@@ -1,5 +1,6 @@
 """Poses with time stamps in text files: TUM's lines, and those of ARKit's recorders."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,9 @@ from jaxtyping import Float
 
 from mvsam.errors import InputError
 from mvsam.geometry.pose import pose_from_quaternion
+
+_LARGEST = 1e9
+"""Of a believable number; squares of larger ones may overflow."""
 
 PoseOf = Callable[[Float[np.ndarray, " value"]], Float[np.ndarray, "4 4"]]
 """What the numbers behind a time stamp mean; ValueError where they mean nothing."""
@@ -46,15 +50,25 @@ def read_trajectory(file: Path, count: int, pose_of: PoseOf, expected: str) -> T
     times, poses = [], []
     for number, words in text_lines(file):
         try:
-            time, *values = (float(word) for word in words)
+            time, values = time_stamp(words[0]), [float(word) for word in words[1:]]
             if len(values) != count:
-                raise ValueError(f"{len(values) + 1} numbers")
+                raise ValueError(f"{len(words)} numbers")
+            if not (np.abs(values) < _LARGEST).all():
+                raise ValueError("one is not finite or too large")
             poses.append(pose_of(np.array(values)))
         except ValueError as error:
             raise InputError(f"{file} line {number}: expected '{expected}' ({error}).") from error
         times.append(time)
     order = np.argsort(np.array(times), kind="stable")
     return Trajectory(np.array(times, dtype=np.float64)[order], [poses[i] for i in order])
+
+
+def time_stamp(word: str) -> float:
+    """Seconds; ValueError for nan and inf, beside which no other stamp would be nearest."""
+    time = float(word)
+    if not math.isfinite(time):
+        raise ValueError(f"the time stamp {word} is not finite")
+    return time
 
 
 def tum_pose(values: Float[np.ndarray, "7"]) -> Float[np.ndarray, "4 4"]:

@@ -9,8 +9,20 @@ import numpy as np
 from jaxtyping import Float
 
 from mvsam.data.files import check_map, check_photo, load_matrix, load_photo, load_pixels
-from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
-from mvsam.data.readers.trajectory import nearest_in_time, read_trajectory, text_lines, tum_pose
+from mvsam.data.readers.listed import (
+    HALF_PIXEL,
+    ListedScene,
+    checked,
+    corner_intrinsics,
+    file_inside,
+)
+from mvsam.data.readers.trajectory import (
+    nearest_in_time,
+    read_trajectory,
+    text_lines,
+    time_stamp,
+    tum_pose,
+)
 from mvsam.data.undistort import Distortion, undistort
 from mvsam.errors import InputError
 from mvsam.types import Frame
@@ -87,9 +99,11 @@ def _read_list(file: Path) -> list[tuple[float, str]]:
     entries = []
     for number, words in text_lines(file):
         try:
-            entries.append((float(words[0]), words[1]))
+            entries.append((time_stamp(words[0]), words[1]))
         except (ValueError, IndexError) as error:
-            raise InputError(f"{file} line {number}: expected a time stamp and a file.") from error
+            raise InputError(
+                f"{file} line {number}: expected a time stamp and a file ({error})."
+            ) from error
     return entries
 
 
@@ -97,8 +111,7 @@ def _camera(path: Path) -> tuple[Float[np.ndarray, "3 3"], Distortion]:
     own = path / "intrinsics.txt"
     if own.is_file():
         matrix = load_matrix(own, 3, 3, "intrinsics matrix")
-        values = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-        return corner_intrinsics(*values, has_integer_centres=True), Distortion()
+        return matrix + HALF_PIXEL, Distortion()
     match = re.search("freiburg[123]", path.resolve().name)
     if match:
         values, radial, tangential = _CALIBRATIONS[match[0]]
