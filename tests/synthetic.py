@@ -38,7 +38,7 @@ def camera_intrinsics(size: tuple[int, int]) -> np.ndarray:
     return np.array([[focal, 0, width / 2 + 0.3], [0, focal, height / 2 - 0.2], [0, 0, 1.0]])
 
 
-def camera_pose(index: int, baseline: float = 0.1, yaw_deg: float = 3.0) -> np.ndarray:
+def camera_pose(index: float, baseline: float = 0.1, yaw_deg: float = 3.0) -> np.ndarray:
     """Steps of `baseline` metres to the right, each turning `yaw_deg` to the left."""
     angle = np.deg2rad(-yaw_deg * index)
     pose = np.eye(4)

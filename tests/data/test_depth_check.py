@@ -1,15 +1,18 @@
 """Cameras against measured depth: the right reading is found, whatever was broken."""
 
+import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from mvsam.data.depth_check import HALF_SIZE, depth_verdict
+from mvsam.data.depth_check import depth_verdict
 from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readings import HALF_SIZE
 from mvsam.data.report import report_scene
 from mvsam.types import Frame
-from tests.synthetic import write_posed_folder
+from tests.synthetic import camera_intrinsics, camera_pose, render, write_posed_folder
 
 RANGE = (0.1, 5.0)
 
@@ -111,3 +114,54 @@ def test_a_report_counts_what_the_folder_holds(tmp_path):
     labels = np.stack([view.labels for view in truth])
     assert report.label_shares["floor"] == pytest.approx((labels == 1).mean())
     assert not report.is_suspicious
+
+
+def recording(num_frames: int, step: float) -> list[Frame]:
+    """`step` is how far from one pose of the synthetic walk to the next."""
+    size = (64, 48)
+    intrinsics = camera_intrinsics(size)
+    frames = []
+    for index in range(num_frames):
+        pose = camera_pose(index * step)
+        image, depth, _ = render(size, intrinsics, pose)
+        load_image, load_depth = (lambda i=image: i), (lambda d=depth: d)
+        frames.append(Frame(str(index), size, intrinsics, pose, load_image, load_depth))
+    return frames
+
+
+def test_cameras_that_stand_still_are_no_verdict():
+    verdict = depth_verdict(recording(5, step=0), RANGE)
+    assert verdict.fits is None
+    assert "hardly move, 0.0 mm from frame to frame" in verdict.sentence
+
+
+@pytest.mark.parametrize("wrong", [np.eye(4), np.diag([1.0, -1, -1, 1])], ids=["right", "opengl"])
+def test_steps_too_small_to_tell_name_the_reading_that_fits_as_well(wrong):
+    slow = changed(recording(12, step=0.05), lambda pose: pose @ wrong)
+    verdict = depth_verdict(slow, RANGE)
+    assert verdict.fits is None
+    assert re.search("(99|100)% if the cameras are in OpenGL axes", verdict.sentence)
+
+
+@pytest.mark.parametrize(
+    ("factor", "named"), [(1.5, 1.5), (3.0, 3.0), (1 / 3, 0.33), (1 / 1.5, 0.67)]
+)
+def test_intrinsics_of_other_sizes_are_named_with_the_factor(frames, factor, named):
+    scaled = changed(frames, intrinsics=lambda k: k / np.array([[factor], [factor], [1]]))
+    verdict = depth_verdict(scaled, RANGE)
+    assert verdict.fits is False
+    assert f"multiply their first two rows by {named:g}" in verdict.sentence
+
+
+def test_a_remedy_that_leaves_surfaces_apart_is_only_the_closest(frames):
+    """Depth that is wrong in two of five places: even the right cameras do not fit well."""
+
+    def spoilt(frame: Frame) -> np.ndarray:
+        depth = frame.load_depth().copy() if frame.load_depth else np.zeros((48, 64))
+        depth[np.random.default_rng(int(frame.name)).random(depth.shape) < 0.25] *= 0.8
+        return depth
+
+    inverted = changed(frames, np.linalg.inv)
+    verdict = depth_verdict([replace(f, load_depth=partial(spoilt, f)) for f in inverted], RANGE)
+    assert verdict.fits is False
+    assert "no convention we know fits well; the closest: the cameras are world" in verdict.sentence

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,3 +121,27 @@ def test_the_refusal_of_a_scene_without_overlap_names_the_convention(folder, mon
 
 def test_a_single_frame_has_no_convention_to_tell(folder):
     assert pose_convention_hint(frames_of(folder)[:1]) is None
+
+
+@pytest.mark.parametrize(
+    ("factor", "remedy"),
+    [(0.5, "half the size; double"), (2.0, "twice the size; halve")],
+    ids=["half", "double"],
+)
+def test_photos_reveal_intrinsics_for_another_size(folder, factor, remedy):
+    scaled = [
+        replace(f, intrinsics=f.intrinsics * [[factor], [factor], [1]]) for f in frames_of(folder)
+    ]
+    hint = pose_convention_hint(scaled)
+    assert hint is not None
+    assert f"the intrinsics look meant for photos of {remedy}" in hint
+
+
+def test_photos_that_match_under_no_reading_accuse_no_convention(folder, monkeypatch):
+    """Of noise, the best reading beats the given one by chance but matches badly."""
+
+    def badly(frames, pairs, readings, depth_range):
+        return {reading: 0.4 - 0.1 * (reading == "as given") for reading in readings}
+
+    monkeypatch.setattr("mvsam.data.pose_check._likeness_by_reading", badly)
+    assert pose_convention_hint(frames_of(folder)) is None

@@ -264,6 +264,16 @@ def test_a_photo_that_overlaps_no_other_is_skipped_and_named(tmp_path: Path, out
         predict_scene(FakeModel(), open_scene(tmp_path / "room"), out, references=["0003"])
 
 
+def test_measured_depth_warns_of_intrinsics_for_another_size(tmp_path: Path, out: Path, caplog):
+    write_posed_folder(tmp_path / "room", 4, SIZE)
+    file = tmp_path / "room" / "intrinsics.txt"
+    np.savetxt(file, np.loadtxt(file) * [[0.5], [0.5], [1]])
+    with caplog.at_level(logging.WARNING, "mvsam"):
+        predict_scene(FakeModel(), open_scene(tmp_path / "room"), out, references=["0001"])
+    assert "intrinsics for photos of half the size" in caplog.text
+    assert "of the surfaces then meet" in caplog.text
+
+
 def test_a_photo_without_the_depth_that_the_model_reads_is_found_before_work(
     tmp_path: Path, scene, out: Path
 ):

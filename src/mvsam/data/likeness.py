@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from mvsam.data.transforms import area_resize, resize_intrinsics
+from mvsam.data.transforms import area_resize
 from mvsam.geometry.warp import source_from_reference_pixels, warp_to_reference
 from mvsam.types import Frame
 
@@ -25,11 +25,6 @@ Grey = Float[Tensor, "1 1 height width"]
 def grey_thumbnail(frame: Frame) -> Grey:
     """Small grey photo in [0, 1]."""
     return area_resize(frame.image, THUMBNAIL).mean(0)[None, None]
-
-
-def thumbnail_intrinsics(frame: Frame) -> Float64[Tensor, "3 3"]:
-    """Intrinsics of `grey_thumbnail`."""
-    return torch.from_numpy(resize_intrinsics(frame.intrinsics, frame.size, THUMBNAIL)).double()
 
 
 def likeness(

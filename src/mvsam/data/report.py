@@ -50,19 +50,44 @@ class SceneReport:
     @property
     def advice(self) -> str:
         """The sentence of the witness that decides."""
-        decides = self.depth_verdict.fits is not None or self.photo_hint is None
-        return self.depth_verdict.sentence if decides else self.photo_hint or ""
+        return _advice(self.depth_verdict, self.photo_hint)
 
     @property
     def is_suspicious(self) -> bool:
-        """Whether the cameras seem wrong. Depth, where it can tell, overrules the photos.
+        """Whether the cameras seem wrong."""
+        return _is_suspicious(self.depth_verdict, self.photo_hint, self.num_frames)
 
-        Where depth fits no convention, a handful of photos may match another one by chance.
-        """
-        if self.depth_verdict.fits is not None:
-            return not self.depth_verdict.fits
-        is_contradicted = bool(self.depth_verdict.agreement) and self.num_frames < FEW_FRAMES
-        return self.photo_hint is not None and not is_contradicted
+
+def camera_warning(frames: Sequence[Frame], depth_range: DepthRange) -> str | None:
+    """What seems wrong with the cameras and the remedy; None: nothing.
+
+    It looks at a few dozen frames, whatever the scene's length.
+    """
+    verdict, hint = _witnesses(frames, depth_range)
+    return _advice(verdict, hint) if _is_suspicious(verdict, hint, len(frames)) else None
+
+
+def _witnesses(frames: Sequence[Frame], depth_range: DepthRange) -> tuple[Verdict, str | None]:
+    """(the depth's verdict, the photos' hint where the depth cannot tell)."""
+    verdict = depth_verdict(frames, depth_range)
+    hint = None if verdict.fits is not None else pose_convention_hint(frames, depth_range)
+    return verdict, hint
+
+
+def _advice(verdict: Verdict, hint: str | None) -> str:
+    decides = verdict.fits is not None or hint is None
+    return verdict.sentence if decides else hint or ""
+
+
+def _is_suspicious(verdict: Verdict, hint: str | None, num_frames: int) -> bool:
+    """Depth, where it can tell, overrules the photos.
+
+    Where depth fits no convention, a handful of photos may match another one by chance.
+    """
+    if verdict.fits is not None:
+        return not verdict.fits
+    is_contradicted = bool(verdict.agreement) and num_frames < FEW_FRAMES
+    return hint is not None and not is_contradicted
 
 
 def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneReport:
@@ -71,7 +96,7 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
     sampled = frames[:: -(-len(frames) // SAMPLED_FRAMES)]
     baselines, turns = _neighbours(frames)
     coverage, depths = _depth_statistics(sampled)
-    verdict = depth_verdict(frames, depth_range)
+    verdict, hint = _witnesses(frames, depth_range)
     return SceneReport(
         name=scene.name,
         num_frames=len(frames),
@@ -84,7 +109,7 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
         depths=depths,
         num_labels=sum(frame.load_labels is not None for frame in frames),
         label_shares=_label_shares(sampled, getattr(scene, "classes", SCANNET20).names),
-        photo_hint=None if verdict.fits is not None else pose_convention_hint(frames, depth_range),
+        photo_hint=hint,
         depth_verdict=verdict,
     )
 

@@ -11,7 +11,7 @@ from torch import nn
 
 from mvsam.data.depth_range import DepthRangeOrAuto
 from mvsam.data.labels import SCANNET20, ClassTable
-from mvsam.data.pose_check import pose_convention_hint
+from mvsam.data.report import camera_warning
 from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import Scores
@@ -84,8 +84,8 @@ def predict_scene(
     tuples, skipped = _chosen_tuples(scene, frames, num_views, depth_range, references)
     for name in skipped:
         log.warning("%s: no other photo overlaps it; it is skipped.", name)
-    if hint := pose_convention_hint(frames, depth_range):
-        log.warning("%s: %s", scene.name, hint)
+    if warning := camera_warning(frames, depth_range):
+        log.warning("%s: %s", scene.name, warning)
     chosen = [frames[views[0]] for views in tuples]
     check_measured_depth(model, chosen)
     photos = _photos_within(max_memory, model, frames, num_views)
