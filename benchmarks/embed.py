@@ -1,7 +1,7 @@
 """Puts a run's weights into the package, in half precision.
 
 python benchmarks/embed.py runs/tiny --name tiny
-python benchmarks/embed.py runs/tiny --name tiny --average earlier/model.safetensors
+python benchmarks/embed.py runs/tiny --name tiny --average runs/tiny_semantic_full
 """
 
 import argparse
@@ -15,10 +15,10 @@ from mvsam.weights import ASSETS, load, save
 
 @torch.no_grad()
 def average_with(model: nn.Module, other: nn.Module) -> None:
-    """Every weight and statistic becomes the mean of the two (Wortsman et al., "Model soups")."""
+    """Weights and statistics that both have become their mean (Wortsman et al., "Model soups")."""
     theirs = other.state_dict()
     for name, value in model.state_dict().items():
-        if value.is_floating_point():
+        if value.is_floating_point() and name in theirs:
             value.add_(theirs[name]).div_(2)
 
 
@@ -26,15 +26,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("run", help="folder of a finished run, or a checkpoint")
     parser.add_argument("--name", required=True, help="under which mvsam.load finds it")
-    parser.add_argument("--average", help="weights of an earlier run; the mean of both is embedded")
+    parser.add_argument("--average", help="other weights; of what both have the mean is embedded")
     arguments = parser.parse_args()
     model = load(arguments.run)
     info = model.info
     training = dict(info.training)
     if arguments.average:
-        earlier = load(arguments.average)
-        average_with(model, earlier)
-        training["averaged_with"] = earlier.weights_hash
+        other = load(arguments.average)
+        average_with(model, other)
+        training["averaged_with"] = other.weights_hash
     target = ASSETS / f"{arguments.name}.safetensors"
     save(
         model,
