@@ -1,7 +1,7 @@
 """Puts a run's weights into the package, in half precision.
 
 python benchmarks/embed.py runs/tiny --name tiny
-python benchmarks/embed.py runs/tiny --name tiny --average runs/tiny_semantic_full
+python benchmarks/embed.py runs/tiny --name tiny --average runs/tiny_semantic_full --share 0.75
 """
 
 import argparse
@@ -14,12 +14,13 @@ from mvsam.weights import ASSETS, load, save
 
 
 @torch.no_grad()
-def average_with(model: nn.Module, other: nn.Module) -> None:
-    """Weights and statistics that both have become their mean (Wortsman et al., "Model soups")."""
+def average_with(model: nn.Module, other: nn.Module, share: float) -> None:
+    """Weights and statistics that both have become their mean, with `share` of the other's (Wortsman
+    et al., "Model soups")."""
     theirs = other.state_dict()
     for name, value in model.state_dict().items():
         if value.is_floating_point() and name in theirs:
-            value.add_(theirs[name]).div_(2)
+            value.lerp_(theirs[name], share)
 
 
 def main() -> None:
@@ -27,14 +28,15 @@ def main() -> None:
     parser.add_argument("run", help="folder of a finished run, or a checkpoint")
     parser.add_argument("--name", required=True, help="under which mvsam.load finds it")
     parser.add_argument("--average", help="other weights; of what both have the mean is embedded")
+    parser.add_argument("--share", type=float, default=0.5, help="of the other weights in the mean")
     arguments = parser.parse_args()
     model = load(arguments.run)
     info = model.info
     training = dict(info.training)
     if arguments.average:
         other = load(arguments.average)
-        average_with(model, other)
-        training["averaged_with"] = other.weights_hash
+        average_with(model, other, arguments.share)
+        training["averaged_with"] = [other.weights_hash, arguments.share]
     target = ASSETS / f"{arguments.name}.safetensors"
     save(
         model,
