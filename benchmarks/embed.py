@@ -15,8 +15,7 @@ from mvsam.weights import ASSETS, load, save
 
 @torch.no_grad()
 def average_with(model: nn.Module, other: nn.Module, share: float) -> None:
-    """Weights and statistics that both have become their mean, with `share` of the other's (Wortsman
-    et al., "Model soups")."""
+    """What both have becomes its mean, `share` of it the other's (Wortsman et al., "Model soups")."""
     theirs = other.state_dict()
     for name, value in model.state_dict().items():
         if value.is_floating_point() and name in theirs:
