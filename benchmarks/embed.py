@@ -15,7 +15,7 @@ from mvsam.weights import ASSETS, load, save
 
 @torch.no_grad()
 def average_with(model: nn.Module, other: nn.Module, share: float) -> None:
-    """What both have becomes its mean, `share` of it the other's (Wortsman et al., "Model soups")."""
+    """What both have becomes its mean, `share` of it the other's (Wortsman et al. 2022)."""
     theirs = other.state_dict()
     for name, value in model.state_dict().items():
         if value.is_floating_point() and name in theirs:
