@@ -34,9 +34,10 @@ TOLERANCE = 0.03
 """Of the depth, within which two surfaces are one."""
 NUM_REFERENCES = 6
 FEWEST_FRAMES = 3
-FEWEST_FOR_UNITS = 5
-FITS, FAILS = 0.5, 0.3
-"""Agreement from which on cameras fit the depth, and below which they do not."""
+FEWEST_TO_BE_SURE = 5
+FITS, FAILS_IN_FEW = 0.5, 0.3
+"""Agreement from which on cameras fit the depth. Fewer than `FEWEST_TO_BE_SURE` frames may overlap
+too little to reach it, and are accused below the second alone."""
 FITS_WELL = 0.65
 """Right readings reach 0.55 to 0.95 on 24 sequences, in 21 of them at least this. Intrinsics by 1.5
 or 3 once got the wrong one of fewer readings at 0.51 to 0.55."""
@@ -80,10 +81,11 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
         few = f"{counted(len(with_depth), 'frame')} with depth: too few to judge the cameras by."
         return Verdict(None, few, {})
     pairs = _pairs(with_depth, depth_range)
-    known = ALL_READINGS + (IN_ANOTHER_UNIT if len(with_depth) >= FEWEST_FOR_UNITS else ())
+    is_few = len(with_depth) < FEWEST_TO_BE_SURE
+    known = ALL_READINGS if is_few else ALL_READINGS + IN_ANOTHER_UNIT
     readings = [r for r in known if r is GIVEN or _is_plausible(with_depth, r)]
     matches = _matches(with_depth, pairs, readings)
-    fits, sentence = _accusation(matches) or (True, "")
+    fits, sentence = _accusation(matches, FAILS_IN_FEW if is_few else FITS) or (True, "")
     if fits and is_unregistered(with_depth, pairs):
         fits, sentence = False, f"the cameras {UNREGISTERED} (the photos then match better)."
     elif fits:
@@ -91,12 +93,15 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
     return Verdict(fits, sentence, {remedy: match.agreement for remedy, match in matches.items()})
 
 
-def _accusation(matches: dict[str, Match]) -> tuple[bool | None, str] | None:
-    """(False or None, the sentence) where the given cameras do not fit the depth."""
+def _accusation(matches: dict[str, Match], fails: float) -> tuple[bool | None, str] | None:
+    """(False or None, the sentence) where the given cameras do not fit the depth.
+
+    `fails` is the agreement below which they do not where no others do.
+    """
     given = matches[AS_GIVEN].agreement
     best = max(matches, key=lambda remedy: matches[remedy].agreement)
     reached = matches[best].agreement
-    if given < FAILS and reached < FITS:
+    if given < fails and reached < FITS:
         sentence = f"no convention fits: at best {reached:.0%} of the surfaces meet."
         return False, f"{sentence} Are the poses those of these photos?"
     if reached >= FITS and reached - given > MARGIN:
