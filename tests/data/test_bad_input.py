@@ -143,6 +143,8 @@ def test_missing_intrinsics(folder):
         ("50 0 31\n0 0 23\n0 0 1\n", "must be positive, not 50 and 0"),
         ("nan 0 31\n0 50 23\n0 0 1\n", "are not finite"),
         ("50 0 31\n0 50 inf\n0 0 1\n", "are not finite"),
+        ("0.0035 0 31\n0 0.0035 23\n0 0 1\n", "are no camera's for 64x48 photos"),
+        ("1e200 0 31\n0 1e200 23\n0 0 1\n", "are no camera's for"),
         ("50 0 0\n0 50 0\n31 23 1\n", "look transposed"),
         ("50 0 31\n0 50 23\n0 0 2\n", "not of the form"),
         ("50 0 640\n0 50 23\n0 0 1\n", "principal point (640, 23) is outside the 64x48 photo"),

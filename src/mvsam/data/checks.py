@@ -26,6 +26,11 @@ def check_intrinsics(matrix: Float[np.ndarray, "3 3"], size: tuple[int, int], it
             f"{item}: the focal lengths must be positive, not {fx:g} and {fy:g}; a negative one "
             "means mirrored axes, so negate it and the matching axis of the poses."
         )
+    if not all(0.01 < f / max(size) < 1000 for f in (fx, fy)):
+        raise InputError(
+            f"{item}: focal lengths of {fx:g} and {fy:g} pixels are no camera's for "
+            f"{width}x{height} photos; are they in millimetres, or metres?"
+        )
     if matrix[1, 0] != 0 or not np.allclose(matrix[2], [0, 0, 1]):
         raise InputError(
             f"{item}: the intrinsics are not of the form [fx s cx; 0 fy cy; 0 0 1]"

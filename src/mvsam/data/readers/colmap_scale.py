@@ -37,8 +37,9 @@ def _ratios(model: Any, image: Any, depth: np.ndarray) -> list[float]:
     world = np.array([model.points3D[point.point3D_id].xyz for point in seen])
     cam_from_world = image.cam_from_world().matrix()
     z = world @ cam_from_world[2, :3] + cam_from_world[2, 3]
-    column, row = np.floor([point.xy for point in seen]).astype(int).T
     height, width = depth.shape
+    pixels = np.nan_to_num([point.xy for point in seen], nan=-1)
+    column, row = np.floor(pixels.clip(-1, max(width, height))).astype(int).T
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (z > 0)
     there = depth[row[inside], column[inside]]
     return (there / z[inside])[there > 0].tolist()
