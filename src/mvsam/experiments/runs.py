@@ -36,12 +36,12 @@ _SINGLE = replace(_ROOMS, num_views=1, references=1)
 twice as much to render as to learn from."""
 
 
-def _with_nyu(data: DataConfig, singles_per_sample: int) -> DataConfig:
-    """NYUv2's labelled photos beside the rooms, but for those on which we score."""
+def _with_nyu(data: DataConfig) -> DataConfig:
+    """Two of NYUv2's labelled photos with each sample, but none of those on which we score."""
     return replace(
         data,
         singles="nyuv2_train",
-        singles_per_sample=singles_per_sample,
+        singles_per_sample=2,
         singles_without=("nyuv2_heldout", "nyuv2_posed"),
     )
 
@@ -83,7 +83,7 @@ _RUNS = (
         about="First stage of `tiny-nyu`: labels of NYUv2's training photos beside those of rooms, "
         "prompted with measured depth; research terms. --data.singles says where NYUv2 lies.",
         model=ModelConfig("tiny_semantic_gt_depth", init=("tiny", _SEMANTIC_FULL)),
-        data=_with_nyu(_SINGLE, 2),
+        data=_with_nyu(_SINGLE),
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=4e-4, steps=600, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=4, val_every=200, checkpoint_every=50),
@@ -92,7 +92,7 @@ _RUNS = (
         name="tiny_nyu",
         about="Second stage of `tiny-nyu`: all of it; the rooms keep its depth. Research terms.",
         model=ModelConfig("tiny", init=(_TINY, "runs/tiny_nyu_semantic/model.safetensors")),
-        data=_with_nyu(_FULL, 2),
+        data=_with_nyu(_FULL),
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=3e-4, steps=60, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=4, val_every=60, checkpoint_every=20),
