@@ -88,6 +88,27 @@ _ASSEMBLIES = (
         _LABELS,
     ),
     ModelSpec(
+        "tiny_prior",
+        partial(tiny, has_prior=True),
+        "none: tiny with a monocular prior",
+        _VIEWS,
+        _BOTH,
+    ),
+    ModelSpec(
+        "tiny_prior_semantic",
+        partial(tiny_semantic_gt_depth, has_prior=True),
+        "none: semantic half of tiny_prior",
+        _RGBD,
+        _LABELS,
+    ),
+    ModelSpec(
+        "tiny_prior_mvs",
+        partial(tiny_mvs_sam, has_prior=True),
+        "none: tiny_prior without decoder",
+        _VIEWS,
+        _DEPTH,
+    ),
+    ModelSpec(
         "tiny_no_bridge",
         partial(tiny, has_bridge=False),
         "none: tiny without SAM->MVS",

@@ -11,9 +11,10 @@ from mvsam.encoders.fusion import SemanticPyramid
 from mvsam.encoders.sam import SamEncoder
 from mvsam.encoders.unet import UNetPyramid
 from mvsam.mvs.cascade import DepthCascade, combined_confidence
+from mvsam.mvs.prior import MonocularPrior
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
-from mvsam.types import Model, Prediction, Views
+from mvsam.types import DepthPrior, Model, Prediction, Views
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ PARTS_NEEDED = {
     "geometry_encoder": ("cascade",),
     "bridge": ("geometry_encoder", "semantic_encoder"),
     "cascade": ("geometry_encoder",),
+    "prior": ("semantic_encoder",),
     "prompt": ("decoder",),
     "decoder": ("semantic_encoder",),
 }
@@ -70,6 +72,7 @@ class MultiViewSAM(Model):
         semantic_encoder: SamEncoder | None = None,
         bridge: SemanticPyramid | None = None,
         cascade: DepthCascade | None = None,
+        prior: MonocularPrior | None = None,
         prompt: DepthPrompt | None = None,
         decoder: SemanticDecoder | ConvDecoder | None = None,
         prompt_passes_gradient: bool = True,
@@ -79,6 +82,7 @@ class MultiViewSAM(Model):
         self.semantic_encoder = semantic_encoder
         self.bridge = bridge
         self.cascade = cascade
+        self.prior = prior
         self.prompt = prompt
         self.decoder = decoder
         self.prompt_passes_gradient = prompt_passes_gradient
@@ -128,12 +132,13 @@ class MultiViewSAM(Model):
         if reference:
             order = views.reference_first(reference)
             features, views = features.select(order), views.with_reference(reference)
-        stages = self.cascade(features.pyramid, views) if self.cascade else []
+        prior = self._prior(features, views)
+        stages = self.cascade(features.pyramid, views, prior) if self.cascade else []
         depth = stages[-1].depth if stages else None
         size = (views.height, views.width)
         confidence = combined_confidence(stages, size) if stages else None
         logits = self._segment(features, views, depth) if self.decoder else None
-        return Prediction(depth, confidence, logits, stages)
+        return Prediction(depth, confidence, logits, stages, prior)
 
     def segment(self, views: Views) -> Prediction:
         """Logits of view 0 alone, prompted with its measured depth: Sec. 3.3 without Sec. 3.2.
@@ -148,7 +153,13 @@ class MultiViewSAM(Model):
         semantic = self._semantic_features(alone)
         assert semantic is not None
         features = Features(semantic=semantic.unflatten(0, alone.images.shape[:2]))
-        return Prediction(logits=self._segment(features, alone, None))
+        logits, prior = self._segment(features, alone, None), self._prior(features, alone)
+        return Prediction(logits=logits, prior=prior)
+
+    def _prior(self, features: Features, views: Views) -> DepthPrior | None:
+        if self.prior is None or features.semantic is None:
+            return None
+        return self.prior(features.semantic[:, 0], views)
 
     def _semantic_features(self, views: Views) -> Float[Tensor, "batch_view channel h4 w4"] | None:
         if self.semantic_encoder is None:

@@ -156,6 +156,16 @@ class DepthStage(_TensorStruct):
 
 
 @dataclass(frozen=True)
+class DepthPrior(_TensorStruct):
+    """What one picture alone says about depth: Laplace's distribution of its logarithm."""
+
+    log_depth: Float[Tensor, "batch h4 w4"]
+    """Median, of metres."""
+    precision: Float[Tensor, "batch h4 w4"]
+    """One over the mean deviation from it."""
+
+
+@dataclass(frozen=True)
 class Prediction:
     """What a model says about the reference view; a task it does not have is None."""
 
@@ -167,6 +177,8 @@ class Prediction:
     """Before the softmax."""
     stages: list[DepthStage] = field(default_factory=list)
     """Coarse to fine; for the loss and for inspection."""
+    prior: DepthPrior | None = None
+    """What the first stage began with; None where the model has no `MonocularPrior`."""
     auxiliary: "tuple[Prediction, ...]" = ()
     """Side outputs that training supervises, in the order their publication lists them, each at
     its own resolution."""

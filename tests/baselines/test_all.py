@@ -12,7 +12,7 @@ from torchvision.ops import StochasticDepth
 
 from mvsam.build import ASSEMBLIES, MODELS, build
 from mvsam.convolution import fold_batch_norm
-from mvsam.types import DepthStage, Model, Prediction, Views
+from mvsam.types import DepthPrior, DepthStage, Model, Prediction, Views
 from tests.small import random_views, shuffle_statistics, small_model
 
 HEIGHT, WIDTH = 32, 64
@@ -49,7 +49,7 @@ def item_of(batch: AnyStruct, index: int) -> AnyStruct:
             return value[index : index + 1]
         if isinstance(value, list | tuple):
             return type(value)(item_of(part, index) for part in value)
-        return value
+        return item_of(value, index) if isinstance(value, DepthPrior) else value
 
     return replace(batch, **{f.name: pick(getattr(batch, f.name)) for f in fields(batch)})
 
@@ -60,6 +60,8 @@ def outputs(prediction: Prediction) -> Iterator[Tensor]:
     yield from (value for value in named if value is not None)
     for stage in prediction.stages:
         yield from (stage.depth, stage.probability)
+    if prediction.prior is not None:
+        yield from (prediction.prior.log_depth, prediction.prior.precision)
     for side in prediction.auxiliary:
         yield from outputs(side)
 

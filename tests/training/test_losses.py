@@ -1,9 +1,11 @@
+import math
+
 import pytest
 import torch
 
 from mvsam.loss_terms import cross_entropy
-from mvsam.training.losses import JointLoss
-from mvsam.types import IGNORE, DepthStage, Prediction, Targets
+from mvsam.training.losses import JointLoss, prior_loss
+from mvsam.types import IGNORE, DepthPrior, DepthStage, Prediction, Targets
 from tests.reference import losses as twin
 
 RANGE = torch.tensor([[0.1, 5.0]])
@@ -124,3 +126,20 @@ def test_a_depth_without_stages_is_refused_not_left_untrained():
     prediction = Prediction(depth=target.depth, logits=torch.zeros(1, 3, 4, 4))
     with pytest.raises(ValueError, match="train it by its own method's loss"):
         JointLoss()(prediction, target, RANGE)
+
+
+def test_the_prior_s_loss_is_laplace_s_likelihood_where_depth_is_known():
+    depth = torch.tensor([[[2.0, 0.0], [1.0, 9.0]]])
+    prior = DepthPrior(torch.zeros(1, 2, 2), torch.full((1, 2, 2), 4.0))
+    expected = (4 * math.log(2.0) - math.log(4.0) - math.log(4.0)) / 2
+    assert prior_loss(prior, depth, RANGE).item() == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_prior_s_loss_is_weighed_and_reaches_it_alone():
+    log_depth = torch.zeros(1, 2, 2, requires_grad=True)
+    prior = DepthPrior(log_depth, torch.ones(1, 2, 2))
+    targets = Targets(torch.full((1, 2, 2), 2.0), torch.zeros(1, 2, 2, dtype=torch.int64))
+    parts = JointLoss(prior_weight=0.25)(Prediction(prior=prior), targets, RANGE)
+    assert parts["loss"].item() == pytest.approx(0.25 * math.log(2.0))
+    parts["loss"].backward()
+    assert log_depth.grad is not None and (log_depth.grad < 0).all()

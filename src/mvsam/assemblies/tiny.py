@@ -10,6 +10,7 @@ from mvsam.encoders.fusion import SemanticPyramid
 from mvsam.encoders.sam import ConvStem, SamEncoder
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.cascade import DepthCascade
+from mvsam.mvs.prior import MonocularPrior
 from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
@@ -65,33 +66,49 @@ def tiny_cascade() -> DepthCascade:
     )
 
 
-def tiny_semantic_gt_depth(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+def tiny_prior(has_prior: bool) -> MonocularPrior | None:
+    return MonocularPrior(TINY_CHANNELS) if has_prior else None
+
+
+def tiny_semantic_gt_depth(
+    num_classes: int = 20, tuned_blocks: int | None = None, has_prior: bool = False
+) -> MultiViewSAM:
     """The semantic half of `tiny`, prompted with measured depth.
 
     Trained on single pictures it stands in for SAM's pre-training, which `tiny` has none of.
     """
     return MultiViewSAM(
         semantic_encoder=tiny_encoder(tuned_blocks),
+        prior=tiny_prior(has_prior),
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=tiny_decoder(num_classes),
     )
 
 
 def tiny(
-    num_classes: int = 20, has_bridge: bool = True, tuned_blocks: int | None = None
+    num_classes: int = 20,
+    has_bridge: bool = True,
+    tuned_blocks: int | None = None,
+    has_prior: bool = False,
 ) -> MultiViewSAM:
-    """The paper's network at a size for two CPU cores; every box of Figure 3 is there."""
+    """The paper's network at a size for two CPU cores; every box of Figure 3 is there.
+
+    has_prior: and one more, `MonocularPrior`.
+    """
     return MultiViewSAM(
         geometry_encoder=FeaturePyramid(),
         semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16) if has_bridge else None,
         cascade=tiny_cascade(),
+        prior=tiny_prior(has_prior),
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=tiny_decoder(num_classes),
     )
 
 
-def tiny_mvs_sam(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+def tiny_mvs_sam(
+    num_classes: int = 20, tuned_blocks: int | None = None, has_prior: bool = False
+) -> MultiViewSAM:
     """`mvs_sam` in the sizes of `tiny`."""
     del num_classes
     return MultiViewSAM(
@@ -99,6 +116,7 @@ def tiny_mvs_sam(num_classes: int = 20, tuned_blocks: int | None = None) -> Mult
         semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16),
         cascade=tiny_cascade(),
+        prior=tiny_prior(has_prior),
     )
 
 

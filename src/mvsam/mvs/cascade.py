@@ -14,8 +14,9 @@ from torch.utils.checkpoint import checkpoint
 from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cost_volume import variance_volume
 from mvsam.mvs.hypotheses import base_interval, plane_depths, resample_depth, window_hypotheses
+from mvsam.mvs.prior import log_density
 from mvsam.mvs.regularizer import CostRegularizer
-from mvsam.types import DepthStage, Views
+from mvsam.types import DepthPrior, DepthStage, Views
 
 
 class DepthCascade(nn.Module):
@@ -53,9 +54,15 @@ class DepthCascade(nn.Module):
         self.checkpoint_stages = checkpoint_stages
 
     def forward(
-        self, pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]], views: Views
+        self,
+        pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]],
+        views: Views,
+        prior: DepthPrior | None = None,
     ) -> list[DepthStage]:
-        """One `DepthStage` for each level of the pyramid, coarse to fine."""
+        """One `DepthStage` for each level of the pyramid, coarse to fine.
+
+        prior: of view 0, at the size of the coarsest level; weighs the hypotheses of stage 0.
+        """
         stages: list[DepthStage] = []
         for index, features in enumerate(pyramid):
             hypotheses = self.hypotheses(index, stages, features.shape[-2:], views)
@@ -65,7 +72,10 @@ class DepthCascade(nn.Module):
                 features.shape[-2] / views.height,
             )
             sweep = (features, intrinsics, views.world_from_cam, hypotheses)
-            stages.append(regress(self.scores(index, *sweep), hypotheses))
+            scores = self.scores(index, *sweep)
+            if index == 0 and prior is not None:
+                scores = scores.float() + log_density(prior, hypotheses)
+            stages.append(regress(scores, hypotheses))
         return stages
 
     def scores(

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.cost_volume import textbook_variance_volume
-from mvsam.types import DepthStage, Views
+from mvsam.mvs.prior import log_density
+from mvsam.types import DepthPrior, DepthStage, Views
 
 
 class TextbookCascade(nn.Module):
@@ -30,7 +31,10 @@ class TextbookCascade(nn.Module):
         self.hypotheses = cascade.hypotheses
 
     def forward(
-        self, pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]], views: Views
+        self,
+        pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]],
+        views: Views,
+        prior: DepthPrior | None = None,
     ) -> list[DepthStage]:
         """One `DepthStage` for each level of the pyramid, coarse to fine."""
         stages: list[DepthStage] = []
@@ -43,7 +47,10 @@ class TextbookCascade(nn.Module):
             volume = textbook_variance_volume(
                 features.contiguous(), intrinsics, views.world_from_cam, hypotheses
             )
-            stages.append(textbook_regress(self.regularizers[index](volume), hypotheses))
+            scores = self.regularizers[index](volume)
+            if index == 0 and prior is not None:
+                scores = scores + log_density(prior, hypotheses)
+            stages.append(textbook_regress(scores, hypotheses))
         return stages
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mvsam.loss_terms import cross_entropy, depth_at, is_depth_known, masked_mean
-from mvsam.types import DepthStage, Prediction, Targets
+from mvsam.types import DepthPrior, DepthStage, Prediction, Targets
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,13 @@ class JointLoss:
     """Coarse to fine. The paper is silent; these are CasMVSNet's."""
     class_weights: tuple[float, ...] | None = None
     """Weight of each class in the cross entropy; none: all alike, as the paper mentions none."""
+    prior_weight: float = 0.1
+    """Of the prior's negative log likelihood, where the model has a `MonocularPrior`."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]
     ) -> dict[str, Float[Tensor, ""]]:
-        """`loss` and its parts `depth` (metres) and `segmentation`, those the model has.
+        """`loss` and its parts `depth` (metres), `segmentation` and `prior`, those the model has.
 
         depth_range: metres; depth outside it teaches nothing. Raises ValueError for a depth
         without stages, which this loss would leave untrained.
@@ -42,9 +44,11 @@ class JointLoss:
             parts["segmentation"] = cross_entropy(
                 prediction.logits, targets.labels, self.class_weights
             )
+        if prediction.prior is not None:
+            parts["prior"] = prior_loss(prediction.prior, targets.depth, depth_range)
         if not parts:
             raise ValueError("the prediction has neither depth stages nor logits to train on")
-        weights = {"depth": self.alpha, "segmentation": 1.0}
+        weights = {"depth": self.alpha, "segmentation": 1.0, "prior": self.prior_weight}
         total = torch.stack([weights[name] * value for name, value in parts.items()]).sum()
         return {"loss": total, **parts}
 
@@ -64,3 +68,15 @@ class JointLoss:
             error = F.smooth_l1_loss(stage.depth, target, beta=self.beta, reduction="none")
             total = total + weight * masked_mean(error, is_depth_known(target, depth_range))
         return total
+
+
+def prior_loss(
+    prior: DepthPrior,
+    depth: Float[Tensor, "batch height width"],
+    depth_range: Float[Tensor, "batch 2"],
+) -> Float[Tensor, ""]:
+    """Negative log likelihood of the true depth, but for a constant: precise only where right."""
+    target = depth_at(depth, prior.log_depth.shape[-2:])
+    off = (target.clamp(min=1e-3).log() - prior.log_depth).abs()
+    loss = prior.precision * off - prior.precision.log()
+    return masked_mean(loss, is_depth_known(target, depth_range))
