@@ -1,53 +1,81 @@
-"""Puts a run's weights into the package, in half precision.
+"""Puts the weights of one run, or of several, into the package, in half precision.
 
-python benchmarks/embed.py runs/tiny --name tiny
-python benchmarks/embed.py runs/tiny --name tiny --average runs/tiny_semantic_full --share 0.75
+    python benchmarks/embed.py runs/tiny --name tiny
+    python benchmarks/embed.py runs/a runs/b=0.5 runs/depth --model tiny_prior --name tiny
+
+Later weights replace earlier ones; with =SHARE what both have becomes their mean, that share of it
+the later one's (Wortsman et al. 2022). What belongs to no part of the model is left out.
 """
 
 import argparse
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 from torch import nn
 
+from mvsam.build import build
+from mvsam.errors import InputError
 from mvsam.weights import ASSETS, load, save
 
 
+class Part(NamedTuple):
+    """Weights, and how much of the mean is theirs."""
+
+    weights: str
+    share: float
+
+    @staticmethod
+    def parse(text: str) -> "Part":
+        weights, _, share = text.partition("=")
+        return Part(weights, float(share or 1))
+
+
 @torch.no_grad()
-def average_with(model: nn.Module, other: nn.Module, share: float) -> None:
-    """What both have becomes its mean, `share` of it the other's (Wortsman et al. 2022)."""
-    theirs = other.state_dict()
+def mix_in(model: nn.Module, other: nn.Module, share: float) -> set[str]:
+    """What both have becomes its mean, `share` of it the other's; the names of what both have."""
+    theirs, common = other.state_dict(), set()
     for name, value in model.state_dict().items():
-        if value.is_floating_point() and name in theirs:
+        if name in theirs and value.is_floating_point():
             value.lerp_(theirs[name], share)
+        elif name in theirs:
+            value.copy_(theirs[name])
+        common |= {name} & theirs.keys()
+    return common
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("run", help="folder of a finished run, or a checkpoint")
-    parser.add_argument("--name", required=True, help="under which mvsam.load finds it")
-    parser.add_argument("--average", help="other weights; of what both have the mean is embedded")
-    parser.add_argument("--share", type=float, default=0.5, help="of the other weights in the mean")
+    parser.add_argument("parts", nargs="+", type=Part.parse, metavar="WEIGHTS[=SHARE]")
+    parser.add_argument("--model", help="which of `mvsam models`; that of the last weights")
+    place = parser.add_mutually_exclusive_group(required=True)
+    place.add_argument("--name", help="under which mvsam.load finds it")
+    place.add_argument("--out", type=Path, help="another file, in full precision")
     arguments = parser.parse_args()
-    model = load(arguments.run)
-    info = model.info
-    training = dict(info.training)
-    if arguments.average:
-        other = load(arguments.average)
-        average_with(model, other, arguments.share)
-        training["averaged_with"] = [other.weights_hash, arguments.share]
-    target = ASSETS / f"{arguments.name}.safetensors"
+    loaded = [load(part.weights) for part in arguments.parts]
+    info = loaded[-1].info
+    name = arguments.model or info.model
+    model = build(name, info.num_classes)
+    missing = set(model.state_dict())
+    for part, other in zip(arguments.parts, loaded, strict=True):
+        missing -= mix_in(model, other, part.share)
+    if missing:
+        raise InputError(f"none of the weights have {', '.join(sorted(missing)[:5])} of {name}.")
+    shares = [part.share for part in arguments.parts]
+    made_of = [[m.weights_hash, share] for m, share in zip(loaded, shares, strict=True)]
+    target = arguments.out or ASSETS / f"{arguments.name}.safetensors"
+    target.parent.mkdir(parents=True, exist_ok=True)
     save(
         model,
         target,
-        name=info.model,
+        name=name,
         depth_range=info.depth_range,
-        training=training,
-        half=True,
+        training=info.training | ({"made_of": made_of} if len(loaded) > 1 else {}),
+        half=arguments.out is None,
         classes=info.classes,
         palette=info.palette,
     )
-    print(f"{target}: {Path(target).stat().st_size / 1e6:.1f} MB")
+    print(f"{target}: {target.stat().st_size / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":
