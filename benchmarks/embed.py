@@ -1,7 +1,7 @@
 """Puts the weights of one run, or of several, into the package, in half precision.
 
-    python benchmarks/embed.py runs/tiny --name tiny
-    python benchmarks/embed.py runs/a runs/b=0.5 runs/depth --model tiny_prior --name tiny
+    python benchmarks/embed.py runs/a runs/b=0.5 --out runs/labels/model.safetensors
+    python benchmarks/embed.py runs/labels runs/tiny_depth --model tiny --name tiny
 
 Later weights replace earlier ones; with =SHARE what both have becomes their mean, that share of it
 the later one's (Wortsman et al. 2022). What belongs to no part of the model is left out.
@@ -32,16 +32,15 @@ class Part(NamedTuple):
 
 
 @torch.no_grad()
-def mix_in(model: nn.Module, other: nn.Module, share: float) -> set[str]:
-    """What both have becomes its mean, `share` of it the other's; the names of what both have."""
-    theirs, common = other.state_dict(), set()
+def mix_in(model: nn.Module, other: nn.Module, share: float, fresh: set[str]) -> None:
+    """What both have becomes its mean, `share` of it the other's; what is `fresh`, all of it."""
+    theirs = other.state_dict()
     for name, value in model.state_dict().items():
-        if name in theirs and value.is_floating_point():
+        if name in theirs and value.is_floating_point() and name not in fresh:
             value.lerp_(theirs[name], share)
         elif name in theirs:
             value.copy_(theirs[name])
-        common |= {name} & theirs.keys()
-    return common
+    fresh -= theirs.keys()
 
 
 def main() -> None:
@@ -56,11 +55,12 @@ def main() -> None:
     info = loaded[-1].info
     name = arguments.model or info.model
     model = build(name, info.num_classes)
-    missing = set(model.state_dict())
+    model.input_size, model.semantic_size = info.input_size, info.semantic_size
+    fresh = set(model.state_dict())
     for part, other in zip(arguments.parts, loaded, strict=True):
-        missing -= mix_in(model, other, part.share)
-    if missing:
-        raise InputError(f"none of the weights have {', '.join(sorted(missing)[:5])} of {name}.")
+        mix_in(model, other, part.share, fresh)
+    if fresh:
+        raise InputError(f"none of the weights have {', '.join(sorted(fresh)[:5])} of {name}.")
     shares = [part.share for part in arguments.parts]
     made_of = [[m.weights_hash, share] for m, share in zip(loaded, shares, strict=True)]
     target = arguments.out or ASSETS / f"{arguments.name}.safetensors"

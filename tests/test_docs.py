@@ -140,7 +140,7 @@ VERBS = [
 @PAGE
 def test_every_option_named_in_the_text_is_one_of_some_verb(page: Path):
     known = "".join(options(*verb.split()) for verb in VERBS)
-    known += options("train", "tiny_nyu") + options("train", "base_rooms")
+    known += options("train", "tiny_nyu_semantic") + options("train", "base_rooms")
     for option in re.findall(r"`(--[a-z][\w.-]*)", page.read_text()):
         assert re.search(rf"{re.escape(option)}[\s,]", known), f"{page.name}: {option}"
 

@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "mvs": {"types", "geometry", "kernels"} | CONVOLUTION,
     "segmentation": {"types", "geometry"},
     "model": {"types", "geometry", *NETWORK},
-    "baselines": {"types", "errors", "loss_terms", "geometry", "encoders", "mvs"},
+    "baselines": {"types", "errors", "loss_terms", "geometry", "convolution", "encoders", "mvs"},
     "assemblies": {"types", "errors", "model", "baselines", *NETWORK},
     "build": {"types", "errors", "assemblies", "baselines"},
     "weights": {"types", "errors", "files", "build", "model", *NETWORK},

@@ -194,7 +194,7 @@ def test_any_number_of_classes(num_classes: int):
     assert logits is not None and logits.shape[1] == num_classes
 
 
-@pytest.mark.parametrize("name", ["base", "tiny_prior", "cas_mvsnet", "base_no_bridge", "mvs_sam"])
+@pytest.mark.parametrize("name", ["base", "tiny", "cas_mvsnet", "base_no_bridge", "mvs_sam"])
 def test_decoding_with_another_reference_equals_reordering_the_views(evaluated, name: str):
     model, views = evaluated(name), random_views(num_views=4)
     with torch.no_grad():
@@ -297,7 +297,7 @@ def test_labelling_a_photo_alone_equals_predicting_it_with_its_own_depth_as_meas
     "part", ["bridge", "cascade", "prior", "prompt", "decoder", "geometry_encoder"]
 )
 def test_a_part_without_its_counterpart_is_refused(part: str):
-    lone = getattr(small_model("tiny_prior"), part)
+    lone = getattr(small_model("tiny"), part)
     with pytest.raises(ValueError, match=f"the {part} needs"):
         MultiViewSAM(**{part: lone})
 

@@ -82,6 +82,18 @@ class Conv2d(nn.Conv2d):
         return convolve_by_onednn(self, x) if fits_onednn(x) else super().forward(x)
 
 
+def conv_bn_relu(
+    in_channels: int, out_channels: int, kernel_size: int = 3, stride: int = 1
+) -> nn.Sequential:
+    """Convolution without bias, batch norm, ReLU; `stride` divides the size."""
+    padding = kernel_size // 2
+    return nn.Sequential(
+        Conv2d(in_channels, out_channels, kernel_size, stride, padding, bias=False),
+        nn.BatchNorm2d(out_channels),
+        nn.ReLU(inplace=True),
+    )
+
+
 def add(x: Tensor, other: Tensor) -> Tensor:
     """x + other; into x, which must be the caller's own, where no gradient needs it."""
     return x + other if torch.is_grad_enabled() else x.add_(other)

@@ -61,6 +61,7 @@ class MultiViewSAM(Model):
 
     It is put together from built parts (`assemblies/`); a part that an ablation lacks is None.
     Raises ValueError for a part whose counterpart in `PARTS_NEEDED` is missing.
+    prior: not the paper's; see `mvs/prior.py`.
     prompt_passes_gradient: whether the segmentation loss reaches the depth through the prompt. The
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
@@ -126,6 +127,9 @@ class MultiViewSAM(Model):
     def decode(self, features: Features, views: Views, reference: int = 0) -> Prediction:
         """Steps (4) to (6) for one view as reference: cascade, prompt, decoder (Sec. 3.2, 3.3).
 
+        Where there is a prior it weighs the cascade's first hypotheses; without a cascade it is
+        only predicted, so that the loss can train it.
+
         Raises ValueError for a reference that is no view, and for another than 0 where `views`
         brings a measured depth, which belongs to view 0.
         """
@@ -141,7 +145,7 @@ class MultiViewSAM(Model):
         return Prediction(depth, confidence, logits, stages, prior)
 
     def segment(self, views: Views) -> Prediction:
-        """Logits of view 0 alone, prompted with its measured depth: Sec. 3.3 without Sec. 3.2.
+        """Logits (and prior) of view 0 alone, prompted with measured depth: no Sec. 3.2.
 
         For labelled photographs that have no neighbours with poses. Raises ValueError where the
         model has no decoder, or a prompt and no measured depth for it.
@@ -157,8 +161,9 @@ class MultiViewSAM(Model):
         return Prediction(logits=logits, prior=prior)
 
     def _prior(self, features: Features, views: Views) -> DepthPrior | None:
-        if self.prior is None or features.semantic is None:
+        if self.prior is None:
             return None
+        assert features.semantic is not None
         return self.prior(features.semantic[:, 0], views)
 
     def _semantic_features(self, views: Views) -> Float[Tensor, "batch_view channel h4 w4"] | None:

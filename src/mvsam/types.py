@@ -159,10 +159,10 @@ class DepthStage(_TensorStruct):
 class DepthPrior(_TensorStruct):
     """What one picture alone says about depth: Laplace's distribution of its logarithm."""
 
-    log_depth: Float[Tensor, "batch h4 w4"]
-    """Median, of metres."""
-    precision: Float[Tensor, "batch h4 w4"]
-    """One over the mean deviation from it."""
+    log_median: Float[Tensor, "batch h4 w4"]
+    """Of metres."""
+    log_precision: Float[Tensor, "batch h4 w4"]
+    """Precision is one over the mean deviation of the logarithm of depth from its median."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def views_for(name: str) -> Views:
     return random_views(batch=2, height=HEIGHT, width=WIDTH, measured=measured)
 
 
-AnyStruct = TypeVar("AnyStruct", Views, Prediction, DepthStage)
+AnyStruct = TypeVar("AnyStruct", Views, Prediction, DepthStage, DepthPrior)
 
 
 def item_of(batch: AnyStruct, index: int) -> AnyStruct:
@@ -61,7 +61,7 @@ def outputs(prediction: Prediction) -> Iterator[Tensor]:
     for stage in prediction.stages:
         yield from (stage.depth, stage.probability)
     if prediction.prior is not None:
-        yield from (prediction.prior.log_depth, prediction.prior.precision)
+        yield from (prediction.prior.log_median, prediction.prior.log_precision)
     for side in prediction.auxiliary:
         yield from outputs(side)
 

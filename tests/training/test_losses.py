@@ -117,7 +117,7 @@ def test_a_model_of_one_task_has_that_loss_alone():
     depth = ONE_STAGE(Prediction(stages=[stage(target.depth)]), target, RANGE)
     labels = ONE_STAGE(Prediction(logits=torch.zeros(1, 3, 4, 4)), target, RANGE)
     assert set(depth) == {"loss", "depth"} and set(labels) == {"loss", "segmentation"}
-    with pytest.raises(ValueError, match="neither depth stages nor logits"):
+    with pytest.raises(ValueError, match="no depth stages, logits or prior"):
         ONE_STAGE(Prediction(), target, RANGE)
 
 
@@ -130,16 +130,16 @@ def test_a_depth_without_stages_is_refused_not_left_untrained():
 
 def test_the_prior_s_loss_is_laplace_s_likelihood_where_depth_is_known():
     depth = torch.tensor([[[2.0, 0.0], [1.0, 9.0]]])
-    prior = DepthPrior(torch.zeros(1, 2, 2), torch.full((1, 2, 2), 4.0))
+    prior = DepthPrior(torch.zeros(1, 2, 2), torch.full((1, 2, 2), math.log(4.0)))
     expected = (4 * math.log(2.0) - math.log(4.0) - math.log(4.0)) / 2
     assert prior_loss(prior, depth, RANGE).item() == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_prior_s_loss_is_weighed_and_reaches_it_alone():
-    log_depth = torch.zeros(1, 2, 2, requires_grad=True)
-    prior = DepthPrior(log_depth, torch.ones(1, 2, 2))
+    log_median = torch.zeros(1, 2, 2, requires_grad=True)
+    prior = DepthPrior(log_median, torch.zeros(1, 2, 2))
     targets = Targets(torch.full((1, 2, 2), 2.0), torch.zeros(1, 2, 2, dtype=torch.int64))
     parts = JointLoss(prior_weight=0.25)(Prediction(prior=prior), targets, RANGE)
     assert parts["loss"].item() == pytest.approx(0.25 * math.log(2.0))
     parts["loss"].backward()
-    assert log_depth.grad is not None and (log_depth.grad < 0).all()
+    assert log_median.grad is not None and (log_median.grad < 0).all()

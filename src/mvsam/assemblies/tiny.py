@@ -66,48 +66,44 @@ def tiny_cascade() -> DepthCascade:
     )
 
 
-def tiny_prior(has_prior: bool) -> MonocularPrior | None:
-    return MonocularPrior(TINY_CHANNELS) if has_prior else None
+def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+    """The paper's network at a size for two CPU cores, with a monocular prior on its depth."""
+    return tiny_base(num_classes, tuned_blocks=tuned_blocks, prior=MonocularPrior(TINY_CHANNELS))
 
 
-def tiny_semantic_gt_depth(
-    num_classes: int = 20, tuned_blocks: int | None = None, has_prior: bool = False
-) -> MultiViewSAM:
-    """The semantic half of `tiny`, prompted with measured depth.
+def tiny_semantic(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+    """The semantic half of `tiny`, prompted with measured depth, and its prior.
 
     Trained on single pictures it stands in for SAM's pre-training, which `tiny` has none of.
     """
-    return MultiViewSAM(
-        semantic_encoder=tiny_encoder(tuned_blocks),
-        prior=tiny_prior(has_prior),
-        prompt=DepthPrompt(TINY_CHANNELS),
-        decoder=tiny_decoder(num_classes),
-    )
+    return tiny_semantic_gt_depth(num_classes, tuned_blocks, MonocularPrior(TINY_CHANNELS))
 
 
-def tiny(
+def tiny_depth(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
+    """The half of `tiny` that gives depth: all but its prompt and decoder."""
+    return tiny_mvs_sam(num_classes, tuned_blocks, MonocularPrior(TINY_CHANNELS))
+
+
+def tiny_base(
     num_classes: int = 20,
     has_bridge: bool = True,
     tuned_blocks: int | None = None,
-    has_prior: bool = False,
+    prior: MonocularPrior | None = None,
 ) -> MultiViewSAM:
-    """The paper's network at a size for two CPU cores; every box of Figure 3 is there.
-
-    has_prior: and one more, `MonocularPrior`.
-    """
+    """`base` in the sizes of `tiny`; every box of Figure 3 is there and no other."""
     return MultiViewSAM(
         geometry_encoder=FeaturePyramid(),
         semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16) if has_bridge else None,
         cascade=tiny_cascade(),
-        prior=tiny_prior(has_prior),
+        prior=prior,
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=tiny_decoder(num_classes),
     )
 
 
 def tiny_mvs_sam(
-    num_classes: int = 20, tuned_blocks: int | None = None, has_prior: bool = False
+    num_classes: int = 20, tuned_blocks: int | None = None, prior: MonocularPrior | None = None
 ) -> MultiViewSAM:
     """`mvs_sam` in the sizes of `tiny`."""
     del num_classes
@@ -116,7 +112,19 @@ def tiny_mvs_sam(
         semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16),
         cascade=tiny_cascade(),
-        prior=tiny_prior(has_prior),
+        prior=prior,
+    )
+
+
+def tiny_semantic_gt_depth(
+    num_classes: int = 20, tuned_blocks: int | None = None, prior: MonocularPrior | None = None
+) -> MultiViewSAM:
+    """`sam_semantic_gt_depth` in the sizes of `tiny`."""
+    return MultiViewSAM(
+        semantic_encoder=tiny_encoder(tuned_blocks),
+        prior=prior,
+        prompt=DepthPrompt(TINY_CHANNELS),
+        decoder=tiny_decoder(num_classes),
     )
 
 

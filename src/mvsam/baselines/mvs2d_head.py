@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from mvsam.encoders.fpn import conv_bn_relu
+from mvsam.convolution import conv_bn_relu
 from mvsam.geometry.camera import pixel_centres
 
 FEATURES = 256

@@ -17,7 +17,8 @@ from torch import Tensor, nn
 from torchvision.ops import deform_conv2d
 
 from mvsam.baselines.feature_matching import FeatureMatchingTransformer
-from mvsam.encoders.fpn import FeaturePyramid, conv_bn_relu
+from mvsam.convolution import conv_bn_relu
+from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.geometry.camera import scale_intrinsics
 from mvsam.geometry.warp import source_from_reference_pixels, warp_to_reference
 from mvsam.loss_terms import depth_at, is_depth_known

@@ -6,19 +6,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from mvsam.convolution import Conv2d, add
-
-
-def conv_bn_relu(
-    in_channels: int, out_channels: int, kernel_size: int = 3, stride: int = 1
-) -> nn.Sequential:
-    """Convolution without bias, batch norm, ReLU; `stride` divides the size."""
-    padding = kernel_size // 2
-    return nn.Sequential(
-        Conv2d(in_channels, out_channels, kernel_size, stride, padding, bias=False),
-        nn.BatchNorm2d(out_channels),
-        nn.ReLU(inplace=True),
-    )
+from mvsam.convolution import Conv2d, add, conv_bn_relu
 
 
 class FeaturePyramid(nn.Module):

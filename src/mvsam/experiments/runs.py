@@ -55,24 +55,33 @@ _CLASS_WEIGHTS = (
 _LOSS = JointLoss(class_weights=_CLASS_WEIGHTS)
 
 _SEMANTIC_FULL = "runs/tiny_semantic_full/model.safetensors"
-_TINY = "runs/tiny/model.safetensors"
 
 _RUNS = (
     Experiment(
         name="tiny_semantic_full",
-        about="First stage of `tiny`: its semantic half on single pictures, prompted with true "
-        "depth, in place of SAM's pre-training.",
-        model=ModelConfig("tiny_semantic_gt_depth", init=("tiny",)),
-        data=_SINGLE,
+        about="First stage of `tiny`: its semantic half and its prior on single pictures, prompted "
+        "with true depth, in place of SAM's pre-training.",
+        model=ModelConfig("tiny_semantic", init=("tiny",)),
+        data=replace(_SINGLE, train="rooms:train:0-5000"),
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=6e-4, steps=2400, gradient_clip=1.0, schedule=OneCycle()),
+        optimizer=OptimizerConfig(lr=5e-4, steps=2600, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, val_every=300, checkpoint_every=50),
     ),
     Experiment(
+        name="tiny_depth",
+        about="Second stage of `tiny`: its depth, at the size it is used at; the labels and the "
+        "encoder they need stay as they are.",
+        model=ModelConfig("tiny_depth", tuned_blocks=0, init=("tiny", _SEMANTIC_FULL)),
+        data=_FULL,
+        loss=_LOSS,
+        optimizer=OptimizerConfig(lr=4e-4, steps=500, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
+    ),
+    Experiment(
         name="tiny",
-        about="Second stage of `tiny`, at the size it is used at; its depth goes on from the "
-        "weights that come with the package.",
-        model=ModelConfig("tiny", init=("tiny", _SEMANTIC_FULL)),
+        about="Both tasks, from the weights that come with the package: to go on with your own "
+        "scenes.",
+        model=ModelConfig("tiny", init=("tiny",)),
         data=_FULL,
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=4e-4, steps=200, gradient_clip=1.0, schedule=OneCycle()),
@@ -80,22 +89,13 @@ _RUNS = (
     ),
     Experiment(
         name="tiny_nyu_semantic",
-        about="First stage of `tiny-nyu`: labels of NYUv2's training photos beside those of rooms, "
+        about="`tiny-nyu`: labels and depth of NYUv2's training photos beside those of rooms, "
         "prompted with measured depth; research terms. --data.singles says where NYUv2 lies.",
-        model=ModelConfig("tiny_semantic_gt_depth", init=("tiny", _SEMANTIC_FULL)),
+        model=ModelConfig("tiny_semantic", init=("tiny",)),
         data=_with_nyu(_SINGLE),
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=4e-4, steps=600, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=4, val_every=200, checkpoint_every=50),
-    ),
-    Experiment(
-        name="tiny_nyu",
-        about="Second stage of `tiny-nyu`: all of it; the rooms keep its depth. Research terms.",
-        model=ModelConfig("tiny", init=(_TINY, "runs/tiny_nyu_semantic/model.safetensors")),
-        data=_with_nyu(_FULL),
-        loss=_LOSS,
-        optimizer=OptimizerConfig(lr=3e-4, steps=60, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=4, val_every=60, checkpoint_every=20),
     ),
 )
 BUDGETS: dict[Budget, dict[str, RowRun]] = {

@@ -25,7 +25,8 @@ class JointLoss:
     class_weights: tuple[float, ...] | None = None
     """Weight of each class in the cross entropy; none: all alike, as the paper mentions none."""
     prior_weight: float = 0.1
-    """Of the prior's negative log likelihood, where the model has a `MonocularPrior`."""
+    """Of the prior's negative log likelihood, where the model has a `MonocularPrior` (neither is in
+    the paper)."""
 
     def __call__(
         self, prediction: Prediction, targets: Targets, depth_range: Float[Tensor, "batch 2"]
@@ -47,7 +48,7 @@ class JointLoss:
         if prediction.prior is not None:
             parts["prior"] = prior_loss(prediction.prior, targets.depth, depth_range)
         if not parts:
-            raise ValueError("the prediction has neither depth stages nor logits to train on")
+            raise ValueError("the prediction has no depth stages, logits or prior to train on")
         weights = {"depth": self.alpha, "segmentation": 1.0, "prior": self.prior_weight}
         total = torch.stack([weights[name] * value for name, value in parts.items()]).sum()
         return {"loss": total, **parts}
@@ -76,7 +77,7 @@ def prior_loss(
     depth_range: Float[Tensor, "batch 2"],
 ) -> Float[Tensor, ""]:
     """Negative log likelihood of the true depth, but for a constant: precise only where right."""
-    target = depth_at(depth, prior.log_depth.shape[-2:])
-    off = (target.clamp(min=1e-3).log() - prior.log_depth).abs()
-    loss = prior.precision * off - prior.precision.log()
+    target = depth_at(depth, prior.log_median.shape[-2:])
+    off = (target.clamp(min=1e-3).log() - prior.log_median).abs()
+    loss = prior.log_precision.exp() * off - prior.log_precision
     return masked_mean(loss, is_depth_known(target, depth_range))

@@ -24,7 +24,7 @@ from mvsam.types import Model
 MIB = 2**20
 REGULARIZERS = tuple(f"cascade.regularizers.{stage}" for stage in range(3))
 BOXES = (
-    *("semantic_encoder", "geometry_encoder", "bridge", "cascade"),
+    *("semantic_encoder", "geometry_encoder", "bridge", "prior", "cascade"),
     *REGULARIZERS,
     *("prompt", "decoder"),
 )

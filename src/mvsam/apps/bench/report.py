@@ -14,6 +14,7 @@ STAGES: dict[Work, dict[str, str]] = {
         "semantic_encoder": "SAM",
         "geometry_encoder": "pyramid",
         "bridge": "bridge",
+        "prior": "prior",
         "cascade": "cascade",
         "regularizers": "its 3D nets",
         "decoder": "decoder",
