@@ -82,8 +82,8 @@ class DataConfig:
     color_jitter: float = 0.0
     """Spread of the exposure, colour and contrast drawn anew for each view (0.2 is moderate)."""
     singles: str | None = None
-    """Folder of labelled photos without poses (`SingleViews`); each teaches labels alone, prompted
-    with its measured depth. None: rooms alone."""
+    """Folder of labelled photos without poses (`SingleViews`); each teaches labels, prompted with
+    its measured depth, and the prior of a model that has one. None: rooms alone."""
     singles_per_sample: int = 1
     """How many of them come with each sample of `train`."""
     singles_without: tuple[str, ...] = ()

@@ -75,7 +75,7 @@ class TrainingModule(LightningModule):
         return means["loss"] + self.singles_weight * self._loss_of_singles(*singles)
 
     def _loss_of_singles(self, views: Views, targets: Targets) -> Tensor:
-        """Of their labels alone; measured depth is the decoder's prompt."""
+        """Of their labels, and of the prior; measured depth is the decoder's prompt."""
         prediction = self.model.segment(views)  # pyright: ignore[reportCallIssue]
         loss = self.loss(prediction, targets, views.depth_range)["loss"]
         self.log("train/singles", loss, prog_bar=True)
