@@ -1,0 +1,83 @@
+"""`benchmarks/embed.py`: which of several weights end up in the file, and how much of each."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from mvsam.build import build
+from mvsam.errors import InputError
+from mvsam.weights import load, save
+
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "embed.py"
+
+
+@pytest.fixture(scope="module")
+def embed():
+    spec = importlib.util.spec_from_file_location("embed", SCRIPT)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> dict[str, Path]:
+    """Of three halves of `tiny`, two of them of the same parts."""
+    folder, found = tmp_path_factory.mktemp("weights"), {}
+    for seed, (name, model) in enumerate(
+        {"a": "tiny_semantic", "b": "tiny_semantic", "depth": "tiny_depth"}.items()
+    ):
+        torch.manual_seed(seed)
+        network = build(model)
+        network.input_size = (96, 64)
+        found[name] = folder / f"{name}.safetensors"
+        save(network, found[name], model)
+    return found
+
+
+def run(embed, monkeypatch, *arguments) -> None:
+    monkeypatch.setattr(sys, "argv", ["embed.py", *map(str, arguments)])
+    embed.main()
+
+
+def test_shares_are_those_of_the_later_weights_and_sizes_are_kept(
+    embed, weights, tmp_path, monkeypatch
+):
+    out = tmp_path / "mean.safetensors"
+    run(embed, monkeypatch, weights["a"], f"{weights['b']}=0.25", "--out", out)
+    mean, a, b = (load(str(path)) for path in (out, weights["a"], weights["b"]))
+    assert mean.input_size == (96, 64) and mean.info.model == "tiny_semantic"
+    theirs = b.state_dict()
+    for name, value in a.state_dict().items():
+        if value.is_floating_point():
+            expected = 0.75 * value + 0.25 * theirs[name]
+            torch.testing.assert_close(mean.state_dict()[name], expected, atol=1e-5, rtol=1e-4)
+
+
+def test_what_no_earlier_weights_have_is_taken_whole(embed, weights, tmp_path, monkeypatch):
+    out = tmp_path / "tiny.safetensors"
+    run(
+        embed,
+        monkeypatch,
+        weights["a"],
+        f"{weights['depth']}=0.5",
+        *("--model", "tiny", "--out", out),
+    )
+    whole, depth = load(str(out)).state_dict(), load(str(weights["depth"])).state_dict()
+    new = [name for name in depth if name.startswith(("cascade", "geometry_encoder", "bridge"))]
+    assert new
+    for name in new:
+        torch.testing.assert_close(whole[name], depth[name], atol=1e-5, rtol=1e-4)
+
+
+def test_a_part_that_none_has_is_missed(embed, weights, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"none of the weights have .* of tiny"):
+        run(
+            embed,
+            monkeypatch,
+            weights["a"],
+            *("--model", "tiny", "--out", tmp_path / "tiny.safetensors"),
+        )
