@@ -40,7 +40,7 @@ def mix_in(model: nn.Module, other: nn.Module, share: float, fresh: set[str]) ->
             value.lerp_(theirs[name], share)
         elif name in theirs:
             value.copy_(theirs[name])
-    fresh -= theirs.keys()
+    fresh.difference_update(theirs)
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from mvsam.build import build
 from mvsam.errors import InputError
 from mvsam.weights import load, save
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "embed.py"
+SCRIPT = Path(__file__).parents[1] / "benchmarks" / "embed.py"
 
 
 @pytest.fixture(scope="module")
