@@ -38,6 +38,12 @@ def test_seeds_give_a_mean_and_the_deviation_of_a_sample():
     assert measured.means["miou"] is None and measured.deviations["miou"] is None
 
 
+def test_seeds_that_began_with_different_weights_say_so():
+    results = [result_of(RUN, seed, rel=0.1) for seed in range(3)]
+    began = [replace(r, weights=name) for r, name in zip(results, "aab", strict=True)]
+    assert together(began).weights == "a or b"
+
+
 def test_one_seed_has_no_deviation():
     measured = together([result_of(RUN, rel=0.1)])
     assert measured.means["rel"] == 0.1 and measured.deviations["rel"] is None

@@ -24,7 +24,7 @@ from mvsam.experiments.row_training import (
 )
 from mvsam.experiments.rows import RowRun
 from mvsam.experiments.runs import BUDGETS
-from mvsam.weights import read_info, save
+from mvsam.weights import load, read_info, save
 from tests.experiments.made_up import result_of
 from tests.experiments.small_run import small_experiment
 from tests.small import SIDE, small_model
@@ -152,6 +152,8 @@ def test_weights_that_a_row_begins_with_are_asked_for_before_anything_is_trained
 def test_what_a_row_began_with_is_named_in_a_word():
     semantic = ModelConfig("tiny", semantic_encoder="runs/tiny/model.safetensors")
     assert first_weights(semantic, "random") == "tiny"
+    packed = first_weights(ModelConfig("tiny", semantic_encoder="tiny"), "random")
+    assert packed == f"tiny {load('tiny').weights_hash[:8]}"
     assert first_weights(ModelConfig("mtan"), "random") == "random"
     assert first_weights(ModelConfig("mtan", imagenet="download"), "imagenet") == "imagenet"
     sam = ModelConfig("base", sam_checkpoint="sam_vit_b_01ec64.pth")

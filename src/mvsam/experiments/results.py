@@ -115,7 +115,7 @@ def together(results: Sequence[Result]) -> Measured:
         seeds=tuple(result.seed for result in results),
         steps=first.steps,
         pictures=first.pictures,
-        weights=first.weights,
+        weights=" or ".join(dict.fromkeys(result.weights for result in results)),
         means={name: mean(known[name]) if name in known else None for name in METRICS},
         deviations={
             name: stdev(known[name]) if name in known and has_spread else None for name in METRICS
