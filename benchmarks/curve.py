@@ -1,6 +1,6 @@
 """Validation curves of training runs, from their logs: a JSON file and a picture.
 
-    python benchmarks/curve.py runs/tiny_semantic_full runs/tiny_depth \
+    python benchmarks/curve.py runs/tiny_semantic_full runs/tiny_joint \
         --out results/tiny_curve.json --picture docs/pictures/tiny_curve.png
 
 Hours are those of the clock while the run was going; time between a stop and the resumed run, and

@@ -1,7 +1,7 @@
 """Puts the weights of one run, or of several, into the package, in half precision.
 
-    python benchmarks/embed.py runs/a runs/b=0.5 --out runs/labels/model.safetensors
-    python benchmarks/embed.py runs/labels runs/tiny_depth --model tiny --name tiny
+    python benchmarks/embed.py runs/tiny_joint --name tiny
+    python benchmarks/embed.py runs/tiny_joint runs/tiny_semantic_full=0.5 --model tiny --name tiny
 
 Later weights replace earlier ones; with =SHARE what both have becomes their mean, that share of it
 the later one's (Wortsman et al. 2022). What belongs to no part of the model is left out.

@@ -28,7 +28,7 @@ def weights(tmp_path_factory) -> dict[str, Path]:
     """Of three halves of `tiny`, two of them of the same parts."""
     folder, found = tmp_path_factory.mktemp("weights"), {}
     for seed, (name, model) in enumerate(
-        {"a": "tiny_semantic", "b": "tiny_semantic", "depth": "tiny_depth"}.items()
+        {"a": "tiny_semantic", "b": "tiny_semantic", "depth": "tiny_mvs_sam"}.items()
     ):
         torch.manual_seed(seed)
         network = build(model)

@@ -29,7 +29,6 @@ from mvsam.assemblies.tiny import (
     tiny,
     tiny_base,
     tiny_cascade,
-    tiny_depth,
     tiny_mvs_sam,
     tiny_sam_conv,
     tiny_sam_semantic,
@@ -84,7 +83,6 @@ _ASSEMBLIES = (
     ModelSpec("sam_conv", sam_conv, "Table 4: SAM, conv decoder", _PICTURE, _LABELS),
     ModelSpec("tiny", tiny, "none: for two CPU cores, with a monocular prior", _VIEWS, _BOTH),
     ModelSpec("tiny_semantic", tiny_semantic, "none: semantic half of tiny", _RGBD, _LABELS),
-    ModelSpec("tiny_depth", tiny_depth, "none: tiny without decoder", _VIEWS, _DEPTH),
     ModelSpec("tiny_base", tiny_base, "none: base in the sizes of tiny", _VIEWS, _BOTH),
     ModelSpec(
         "tiny_no_bridge",

@@ -79,11 +79,6 @@ def tiny_semantic(num_classes: int = 20, tuned_blocks: int | None = None) -> Mul
     return tiny_semantic_gt_depth(num_classes, tuned_blocks, MonocularPrior(TINY_CHANNELS))
 
 
-def tiny_depth(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
-    """The half of `tiny` that gives depth: all but its prompt and decoder."""
-    return tiny_mvs_sam(num_classes, tuned_blocks, MonocularPrior(TINY_CHANNELS))
-
-
 def tiny_base(
     num_classes: int = 20,
     has_bridge: bool = True,
@@ -102,9 +97,7 @@ def tiny_base(
     )
 
 
-def tiny_mvs_sam(
-    num_classes: int = 20, tuned_blocks: int | None = None, prior: MonocularPrior | None = None
-) -> MultiViewSAM:
+def tiny_mvs_sam(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
     """`mvs_sam` in the sizes of `tiny`."""
     del num_classes
     return MultiViewSAM(
@@ -112,7 +105,6 @@ def tiny_mvs_sam(
         semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16),
         cascade=tiny_cascade(),
-        prior=prior,
     )
 
 

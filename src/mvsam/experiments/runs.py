@@ -62,19 +62,19 @@ _RUNS = (
         about="First stage of `tiny`: its semantic half and its prior on single pictures, prompted "
         "with true depth, in place of SAM's pre-training.",
         model=ModelConfig("tiny_semantic", init=("tiny",)),
-        data=replace(_SINGLE, train="rooms:train:0-5000"),
+        data=replace(_SINGLE, train="0.5 @ rooms:train:0-2500 + 0.5 @ rooms:train:5000-7500"),
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=5e-4, steps=2600, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=8, val_every=300, checkpoint_every=50),
+        train=TrainConfig(batch_size=8, seed=1, val_every=300, checkpoint_every=50),
     ),
     Experiment(
-        name="tiny_depth",
-        about="Second stage of `tiny`: its depth, at the size it is used at; the labels and the "
-        "encoder they need stay as they are.",
-        model=ModelConfig("tiny_depth", tuned_blocks=0, init=("tiny", _SEMANTIC_FULL)),
+        name="tiny_joint",
+        about="Second stage of `tiny`: both tasks at the size it is used at; the encoder, which "
+        "knows the labels, stays as it is.",
+        model=ModelConfig("tiny", tuned_blocks=0, init=("tiny", _SEMANTIC_FULL)),
         data=_FULL,
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=500, gradient_clip=1.0, schedule=OneCycle()),
+        optimizer=OptimizerConfig(lr=4e-4, steps=400, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
