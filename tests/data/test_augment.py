@@ -3,7 +3,13 @@
 import numpy as np
 import torch
 
-from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
+from mvsam.data.augment import (
+    as_if_estimated,
+    jitter_colors,
+    mirrored,
+    random_part,
+    with_pose_noise,
+)
 from mvsam.types import Frame
 
 
@@ -99,3 +105,24 @@ def test_pose_noise_has_its_size_and_leaves_the_pose_rigid():
     np.testing.assert_allclose(noisy[0][:3, :3] @ noisy[0][:3, :3].T, np.eye(3), atol=1e-12)
     still = with_pose_noise(frame, 0.0, 0.0, dice)
     np.testing.assert_allclose(still.world_from_cam, frame.world_from_cam)
+
+
+def test_depth_as_if_estimated_keeps_what_is_unknown_and_errs_by_its_spread():
+    dice = np.random.default_rng(0)
+    depth = torch.full((1, 64, 80), 2.0)
+    depth[:, :10] = 0
+    off = []
+    for _ in range(30):
+        estimated = as_if_estimated(depth, 0.1, dice)
+        assert (estimated[:, :10] == 0).all() and (estimated[:, 10:] > 0).all()
+        off.append((estimated[:, 10:] / 2).log().abs().mean())
+    assert 0.04 < torch.stack(off).mean() < 0.12
+
+
+def test_depth_estimated_without_errors_only_loses_its_edges():
+    depth = torch.full((1, 64, 80), 1.0)
+    depth[:, :, 40:] = 3.0
+    estimated = as_if_estimated(depth, 0.0, np.random.default_rng(0))
+    assert ((estimated > 1.05) & (estimated < 2.95)).any()
+    torch.testing.assert_close(estimated[:, :, :12], depth[:, :, :12])
+    torch.testing.assert_close(estimated[:, :, -12:], depth[:, :, -12:])

@@ -184,6 +184,20 @@ def test_photos_for_sam_are_recoloured_and_cropped_as_the_pictures_are(config: D
     assert torch.equal(larger.images, views.images)
 
 
+def test_prompts_are_wrong_in_half_of_the_samples_and_targets_in_none(config: DataConfig):
+    config = replace(config, num_views=1, references=1)
+    right, wrong = (
+        SampleStream(replace(config, prompt_noise=noise), seed=1) for noise in (0.0, 0.1)
+    )
+    changed = 0
+    for n in range(24):
+        one, other = right[n], wrong[n]
+        assert torch.equal(one.targets[0].depth, other.targets[0].depth)
+        assert one.views.measured_depth is not None and other.views.measured_depth is not None
+        changed += not torch.equal(one.views.measured_depth, other.views.measured_depth)
+    assert 5 <= changed <= 19
+
+
 @pytest.fixture(scope="module")
 def mixed(config: DataConfig, tmp_path_factory) -> DataConfig:
     """The same scenes with two of four labelled photos beside each sample."""

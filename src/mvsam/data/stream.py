@@ -10,7 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch.utils.data import Dataset, Sampler
 
-from mvsam.data.augment import jitter_colors, mirrored, random_part, with_pose_noise
+from mvsam.data.augment import (
+    as_if_estimated,
+    jitter_colors,
+    mirrored,
+    random_part,
+    with_pose_noise,
+)
 from mvsam.data.catalog import is_rooms, open_data
 from mvsam.data.dataset import collate, make_targets, make_views
 from mvsam.data.lazy import changed
@@ -81,6 +87,9 @@ class DataConfig:
     """Show every other sample, drawn at random, as in a mirror (all its views, exact cameras)."""
     color_jitter: float = 0.0
     """Spread of the exposure, colour and contrast drawn anew for each view (0.2 is moderate)."""
+    prompt_noise: float = 0.0
+    """Spread of the logarithm of made-up errors in half of the measured depth maps, which prompt a
+    model of one view; 0.1 is much. A prompt that is never wrong is believed too much later."""
     singles: str | None = None
     """Folder of labelled photos without poses (`SingleViews`); each teaches labels, prompted with
     its measured depth, and the prior of a model that has one. None: rooms alone."""
@@ -156,6 +165,9 @@ class SampleStream(Dataset[TrainingSample]):
         views = make_views(frames, config.size, depth_range, config.semantic_size)
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
+        if config.prompt_noise and views.measured_depth is not None and dice.random() < 0.5:
+            estimated = as_if_estimated(views.measured_depth, config.prompt_noise, dice)
+            views = replace(views, measured_depth=estimated)
         if config.references > 1:  # measured depth belongs to view 0 alone
             views = replace(views, measured_depth=None)
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
