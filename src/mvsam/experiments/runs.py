@@ -78,6 +78,16 @@ _RUNS = (
         train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
+        name="tiny_semantic_prompts",
+        about="Third stage of `tiny`: its semantic half once more, prompted with depth that is "
+        "wrong at times, as its own is.",
+        model=ModelConfig("tiny_semantic", init=("tiny", "runs/tiny_joint/model.safetensors")),
+        data=replace(_SINGLE, train="rooms:train:0-7500", prompt_noise=0.1),
+        loss=_LOSS,
+        optimizer=OptimizerConfig(lr=4e-4, steps=560, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=8, seed=3, val_every=300, checkpoint_every=50),
+    ),
+    Experiment(
         name="tiny",
         about="Both tasks, from the weights that come with the package: to go on with your own "
         "scenes.",
