@@ -50,10 +50,10 @@ def test_the_loss_of_a_step_is_the_mean_over_the_references():
         for prediction, target in zip(predict_references(model, views, 2), targets, strict=True)
     ]
     torch.testing.assert_close(loss, torch.stack(parts).mean())
-    assert set(logged) == {"train/loss", "train/depth", "train/segmentation"}
+    assert set(logged) == {"train/loss", "train/depth", "train/segmentation", "train/prior"}
 
 
-def test_single_photos_add_their_labels_loss_times_its_weight():
+def test_single_photos_add_the_loss_of_their_labels_and_prior_times_its_weight():
     model, views, logged = small_model("tiny").eval(), random_views(), {}
     target = random_targets()
     singles, labels = random_views(batch=2, num_views=1, measured=True), random_targets(batch=2)
@@ -62,7 +62,7 @@ def test_single_photos_add_their_labels_loss_times_its_weight():
     module.singles_weight = 0.5
     loss = module.training_step((views, [target], (singles, labels)), 0)
     expected = JointLoss()(model.segment(singles), labels, singles.depth_range)
-    assert set(expected) == {"loss", "segmentation"}
+    assert set(expected) == {"loss", "segmentation", "prior"}
     torch.testing.assert_close(loss, alone + 0.5 * expected["loss"])
     torch.testing.assert_close(logged["train/singles"], expected["loss"])
 

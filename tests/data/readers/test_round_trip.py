@@ -142,4 +142,5 @@ def test_wrong_poses_change_predicted_depth_by_far_more(name, wrong, model):
     poses = [np.linalg.inv(pose) if wrong is None else pose @ wrong for pose in poses]
     pairs = zip(truth, poses, strict=True)
     frames = [replace(frame, world_from_cam=pose) for frame, pose in pairs]
-    assert change_of_depth(model, truth, frames) > 0.1
+    # Five times what is allowed above; the rest is the prior, which needs no poses.
+    assert change_of_depth(model, truth, frames) > 0.05
