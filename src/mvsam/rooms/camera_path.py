@@ -1,5 +1,7 @@
 """A hand-held camera that looks about in a room, or walks around one thing in it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
@@ -69,32 +71,58 @@ def _sphere(count: int = 66) -> np.ndarray:
     return np.stack([out * np.cos(turn), out * np.sin(turn), height]).astype(np.float32)
 
 
-def camera_path(
-    room: Room, dice: Dice, num_frames: int, width: int, height: int, wide: bool = False
-) -> list[Camera]:
-    """Poses of neighbouring views, never near a surface.
+@dataclass(frozen=True)
+class Manner:
+    """How somebody takes the photos of a room."""
 
-    Most are 2-60 cm apart and turn a little; a fifth of the paths go around one thing, in steps of
-    up to 45 degrees and 1.2 m, as people photograph a piece of furniture. wide: half of them do,
-    and the others turn by 10 to 35 degrees a step, as photos do that share little.
-    """
+    around: float
+    """Share of the paths that go around one thing, if there is one."""
+    step_deg: tuple[float, float] = (8, 45)
+    """The angle between two photos of such a path, from .. to."""
+    arc_deg: float = 110
+    """Such a path goes no farther around."""
+    turn_deg: tuple[float, float] | None = None
+    """The other paths turn by so much a step; none: a little."""
+    plain_costs: float = 2.5
+    """How much a view of bare walls and floor is shunned."""
+    patience: int = 80
+    """Attempts until any short path will do."""
+
+
+CASUAL = Manner(around=0.24)
+"""Most photos are 2-60 cm apart and turn a little; some go around one thing, in steps of up to 45
+degrees and 1.2 m, as people photograph a piece of furniture."""
+WIDE = Manner(around=0.5, turn_deg=(10, 35))
+"""As photos do that share little."""
+AROUND = Manner(around=1.0, step_deg=(20, 70), arc_deg=200, plain_costs=0.3, patience=400)
+"""All of one thing, from all sides and above, often with nothing but floor about it."""
+
+
+def camera_path(
+    room: Room, dice: Dice, num_frames: int, width: int, height: int, manner: Manner = CASUAL
+) -> list[Camera]:
+    """Poses of neighbouring views, never near a surface."""
     lens = intrinsics(dice, width, height)
     best, best_score = None, -np.inf
     wanted = _rare_point(room, dice) if dice.chance(0.85) else None
     pace = _pace(dice)
-    around = 0.5 if wide else 0.24
-    step_deg = dice.uniform(8, 45) if wanted is not None and dice.chance(around) else None
-    turn = dice.uniform(10, 35) * dice.pick([-1, 1]) if wide else None
+    goes_around = wanted is not None and dice.chance(manner.around)
+    step_deg = dice.uniform(*manner.step_deg) if goes_around else None
+    turn = None
+    if manner.turn_deg is not None:
+        turn = dice.uniform(*manner.turn_deg) * dice.pick([-1, 1])
     for attempt in range(_ATTEMPTS):
-        crowded = attempt > 80
+        crowded = attempt > manner.patience
         target, scale = (None, 0.4) if crowded else (wanted, max(pace * 0.996**attempt, 0.4))
         if step_deg is not None and wanted is not None and not crowded:
-            poses = _walk_around(room, dice, num_frames, wanted, step_deg * 0.99**attempt)
+            step = min(step_deg * 0.99**attempt, manner.arc_deg / max(num_frames - 1, 1))
+            poses = _walk_around(room, dice, num_frames, wanted, step)
         else:
             poses = _wander(room, dice, num_frames, target, scale, turn)
         if poses is None:
             continue
-        score = _interest(room, lens, poses, width, height) + dice.uniform(0, 0.4)
+        score = _interest(room, Camera(lens, poses[num_frames // 2], width, height), manner)
+        score += dice.uniform(0, 0.4)
         if score > best_score:
             best, best_score = poses, score
         if attempt > 40 and best is not None:
@@ -155,8 +183,8 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number, turn
 
 
 def _walk_around(room: Room, dice: Dice, num_frames: int, centre: np.ndarray, step_deg: Number):
-    """Poses on an arc of at most 110 degrees that look at `centre`; None if something is near."""
-    step_deg = min(step_deg, 110 / max(num_frames - 1, 1)) * dice.pick([-1, 1])
+    """Poses on an arc that look at `centre`; None if something is near."""
+    step_deg *= dice.pick([-1, 1])
     bearing, radius, height = dice.uniform(0, 360), dice.uniform(0.8, 2.8), dice.uniform(0.9, 1.8)
     positions, angles = [], []
     for _ in range(num_frames):
@@ -195,11 +223,10 @@ def _stand(room: Room, dice: Dice) -> np.ndarray:
     return np.array([x, y, dice.uniform(1.05, 1.75)])
 
 
-def _interest(room: Room, lens, poses, width: int, height: int) -> float:
+def _interest(room: Room, camera: Camera, manner: Manner) -> float:
     """How much there is to see: many classes, at arm's length to a few metres."""
-    camera = Camera(lens, poses[len(poses) // 2], width, height)
     column, row = np.meshgrid((np.arange(20) + 0.5) / 20, (np.arange(16) + 0.5) / 16)
-    pixels = np.stack([column.ravel() * width, row.ravel() * height])
+    pixels = np.stack([column.ravel() * camera.width, row.ravel() * camera.height])
     hits = room.trace(*camera.rays(pixels))
     labels = room.labels[hits.triangle]
     share = np.bincount(labels, minlength=256) / len(labels)
@@ -207,4 +234,4 @@ def _interest(room: Room, lens, poses, width: int, height: int) -> float:
     near = (hits.distance < 0.7).mean() + max(0.0, (hits.distance > 5).mean() - 0.1)
     plain = max(0.0, share[:2].sum() - 0.45) + max(0.0, share[CLUTTER] - 0.2)
     breadth = min(float(np.median(hits.distance)), 2.4)
-    return float(0.35 * seen - 3 * near - 2.5 * plain + 0.35 * breadth)
+    return float(0.35 * seen - 3 * near - manner.plain_costs * plain + 0.35 * breadth)

@@ -18,9 +18,12 @@ _SHARES = (0.21, 0.13, 0.18, 0.20, 0.11, 0.05, 0.06, 0.06)
 """Small rare things live in kitchens and bathrooms, so these come more often than in homes."""
 
 
-def build_room(dice: Dice, assets: Assets | None = None) -> Room:
-    """A furnished room, with some things and surfaces of the asset pack if one is given."""
-    kind = KINDS[dice.weighted(_SHARES)]
+def build_room(dice: Dice, assets: Assets | None = None, kind: str | None = None) -> Room:
+    """A furnished room, with some things and surfaces of the asset pack if one is given.
+
+    kind: one of KINDS; none: drawn.
+    """
+    kind = kind or KINDS[dice.weighted(_SHARES)]
     plan = empty_plan(dice, kind)
     wet = kind in ("kitchen", "bathroom")
     paint, ground = m.wall_paint(dice), m.floor(dice, wet)

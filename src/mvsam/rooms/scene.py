@@ -9,18 +9,22 @@ from mvsam.errors import InputError
 from mvsam.types import Frame
 
 from .assets import open_assets
-from .camera_path import camera_path
+from .camera_path import AROUND, CASUAL, WIDE, camera_path
 from .dice import Dice
 from .layout import build_room
 from .photo import Sensor
 from .render import Camera, render
 from .room import Room
 
-SPLITS: dict[str, int | None] = {"train": None, "wide": None, "val": 100, "test": 100}
-"""Number of scenes; None is unlimited. `wide` is to train on too: its views share little."""
+SPLITS: dict[str, int | None] = {
+    "train": None, "wide": None, "around": None, "val": 100, "test": 100,
+}  # fmt: skip
+"""Number of scenes; None is unlimited. `wide` and `around` are to train on too: the views of the
+one share little, those of the other show one thing from all sides, half of them in a bare room."""
 VERSION = 4
 """Grows whenever a change alters a pixel, so that no cache serves rooms of another version."""
-_SPLIT_KEYS = {"train": 101, "val": 202, "test": 303, "wide": 404}
+_SPLIT_KEYS = {"train": 101, "val": 202, "test": 303, "wide": 404, "around": 505}
+_MANNERS = {"wide": WIDE, "around": AROUND}
 
 
 class RoomScene:
@@ -50,12 +54,13 @@ class RoomScene:
 
     @cached_property
     def room(self) -> Room:
-        return build_room(self._dice(0), self._assets)
+        is_bare = self.split == "around" and self.index % 2 == 0
+        return build_room(self._dice(0), self._assets, kind="bare" if is_bare else None)
 
     @cached_property
     def cameras(self) -> list[Camera]:
-        size, is_wide = (self._width, self._height), self.split == "wide"
-        return camera_path(self.room, self._dice(1), len(self), *size, wide=is_wide)
+        size, manner = (self._width, self._height), _MANNERS.get(self.split, CASUAL)
+        return camera_path(self.room, self._dice(1), len(self), *size, manner)
 
     def frame(self, index: int) -> Frame:
         if not 0 <= index < len(self):
