@@ -176,6 +176,27 @@ def test_wide_paths_turn_as_single_photos_do():
     assert 12 < np.median(wide) < 35 and max(wide) < 75
 
 
+def test_paths_around_a_thing_look_down_from_far_apart():
+    poses = [
+        [camera.world_from_cam for camera in rooms.scene("around", index, 3, 32, 24).cameras]
+        for index in range(12)
+    ]
+    steps = [
+        np.linalg.norm(there[:3, 3] - here[:3, 3])
+        for path in poses
+        for here, there in pairwise(path)
+    ]
+    down = [np.degrees(np.arcsin(-pose[2, 2])) for path in poses for pose in path]
+    assert 0.3 < np.median(steps) < 1.2
+    assert np.percentile(down, 75) > 18
+
+
+def test_every_other_room_around_which_one_walks_is_bare():
+    kinds = [rooms.scene("around", index).room.kind for index in range(6)]
+    assert kinds[::2] == ["bare"] * 3
+    assert set(kinds[1::2]) != {"bare"}
+
+
 def test_poses_are_rotations_with_the_sky_above(scenes):
     for camera in scenes[0].cameras:
         rotation = camera.world_from_cam[:3, :3]
@@ -203,7 +224,7 @@ def test_an_index_out_of_range_is_refused(split, index):
 
 
 def test_an_unknown_split_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="train, wide, val, test"):
+    with pytest.raises(InputError, match="train, wide, around, val, test"):
         rooms.scene("dev", 0)
 
 

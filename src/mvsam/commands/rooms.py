@@ -25,7 +25,7 @@ class Preview:
     """
 
     data: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ROOMS")] = "rooms:val:0-6"
-    """rooms:train, rooms:wide, rooms:val or rooms:test, and which of them."""
+    """rooms:train, rooms:wide, rooms:around, rooms:val or rooms:test, and which of them."""
     out: Path = Path("rooms.png")
     """The picture, .png or .jpg."""
     assets: Path | None = None
@@ -58,7 +58,7 @@ class Export:
     """
 
     data: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ROOMS")]
-    """rooms:train, rooms:wide, rooms:val or rooms:test, and which of them."""
+    """rooms:train, rooms:wide, rooms:around, rooms:val or rooms:test, and which of them."""
     out: Path
     """Each room becomes a folder in it."""
     assets: Path | None = None

@@ -77,11 +77,11 @@ class Manner:
 
     around: float
     """Share of the paths that go around one thing, if there is one."""
-    step_deg: tuple[float, float] = (8, 45)
+    step_deg: tuple[Number, Number] = (8, 45)
     """The angle between two photos of such a path, from .. to."""
-    arc_deg: float = 110
+    arc_deg: Number = 110
     """Such a path goes no farther around."""
-    turn_deg: tuple[float, float] | None = None
+    turn_deg: tuple[Number, Number] | None = None
     """The other paths turn by so much a step; none: a little."""
     plain_costs: float = 2.5
     """How much a view of bare walls and floor is shunned."""
