@@ -95,22 +95,6 @@ _RUNS = (
         train=TrainConfig(batch_size=16, seed=6, val_every=211, checkpoint_every=200),
     ),
     Experiment(
-        name="tiny_depth",
-        about="Third stage of `tiny`: both tasks, with the encoder of the first stage as it is.",
-        model=ModelConfig(
-            "tiny",
-            tuned_blocks=0,
-            init=("tiny", "runs/tiny_joint/model.safetensors", _SEMANTIC_FULL),
-        ),
-        data=replace(
-            _FULL,
-            train="0.35 @ rooms:train:0-2500 + 0.4 @ rooms:wide:0-2500 + 0.25 @ rooms:around:0-400",
-        ),
-        loss=_LOSS,
-        optimizer=OptimizerConfig(lr=3e-4, steps=240, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=4, seed=7, val_every=240, checkpoint_every=20),
-    ),
-    Experiment(
         name="tiny",
         about="Both tasks, from the weights that come with the package: to go on with your own "
         "scenes.",
