@@ -81,7 +81,7 @@ def test_rooms_are_built_when_asked_for_and_stay_the_same():
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("rooms:valid", "one of the splits train, wide, val, test"),
+        ("rooms:valid", "one of the splits train, wide, around, val, test"),
         ("rooms:val:5", "expected rooms:SPLIT or rooms:SPLIT:FIRST-END"),
         ("rooms:val:5-5", "the part is empty;"),
         ("rooms:val:90-101", "this split has 100 scenes; end at 100"),

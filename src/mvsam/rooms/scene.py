@@ -55,7 +55,7 @@ class RoomScene:
     @cached_property
     def room(self) -> Room:
         is_bare = self.split == "around" and self.index % 2 == 0
-        return build_room(self._dice(0), self._assets, kind="bare" if is_bare else None)
+        return build_room(self._dice(0), self._assets, "bare" if is_bare else None)
 
     @cached_property
     def cameras(self) -> list[Camera]:
