@@ -70,7 +70,7 @@ def main() -> None:
         target,
         name=name,
         depth_range=info.depth_range,
-        training=info.training | ({"made_of": made_of} if len(loaded) > 1 else {}),
+        training=loaded[0].info.training | ({"made_of": made_of} if len(loaded) > 1 else {}),
         half=arguments.out is None,
         classes=info.classes,
         palette=info.palette,

@@ -34,7 +34,7 @@ def weights(tmp_path_factory) -> dict[str, Path]:
         network = build(model)
         network.input_size = (96, 64)
         found[name] = folder / f"{name}.safetensors"
-        save(network, found[name], model)
+        save(network, found[name], model, training={"run": name})
     return found
 
 
@@ -50,6 +50,8 @@ def test_shares_are_those_of_the_later_weights_and_sizes_are_kept(
     run(embed, monkeypatch, weights["a"], f"{weights['b']}=0.25", "--out", out)
     mean, a, b = (load(str(path)) for path in (out, weights["a"], weights["b"]))
     assert mean.input_size == (96, 64) and mean.info.model == "tiny_semantic"
+    assert mean.info.training["run"] == "a", "the first weights' record, and what was mixed in"
+    assert [share for _, share in mean.info.training["made_of"]] == [1.0, 0.25]
     theirs = b.state_dict()
     for name, value in a.state_dict().items():
         if value.is_floating_point():
