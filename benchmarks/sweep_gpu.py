@@ -181,8 +181,8 @@ def main() -> None:
             row = measure_stage(stage, dtype, sizes)
             record["stages"].append(row)
             print(row)
-    if arguments.out:
-        write_json(arguments.out, record)
+            if arguments.out:  # after every row: what is measured is kept if time runs out
+                write_json(arguments.out, record)
 
 
 if __name__ == "__main__":

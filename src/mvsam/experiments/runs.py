@@ -54,17 +54,15 @@ _CLASS_WEIGHTS = (
 1. Without them the rare third of the classes is never predicted after hours."""
 _LOSS = JointLoss(class_weights=_CLASS_WEIGHTS)
 
-_SEMANTIC_FULL = "runs/tiny_semantic_full/model.safetensors"
 
-
-def _mixed(end: int) -> str:
+def _mixed(begin: int, end: int) -> str:
     """Rooms as they are photographed casually, with wide steps, and around one thing.
 
-    Of each kind those from 20000 to `end`, which the weights of the package had not seen.
+    Of each kind those from `begin` to `end`; every stage takes others.
     """
     return (
-        f"0.35 @ rooms:train:20000-{end} + 0.4 @ rooms:wide:20000-{end} "
-        f"+ 0.25 @ rooms:around:20000-{end}"
+        f"0.35 @ rooms:train:{begin}-{end} + 0.4 @ rooms:wide:{begin}-{end} "
+        f"+ 0.25 @ rooms:around:{begin}-{end}"
     )
 
 
@@ -76,7 +74,7 @@ _RUNS = (
         model=ModelConfig("tiny_semantic", init=("tiny",)),
         data=replace(
             _SINGLE,
-            train=_mixed(20192),
+            train=_mixed(20000, 20192),
             room_frames=5,
             prompt_noise=0.1,
             workers=6,
@@ -88,11 +86,11 @@ _RUNS = (
     Experiment(
         name="tiny_joint",
         about="Second stage of `tiny`: both tasks at the size it is used at, all of it learns.",
-        model=ModelConfig("tiny", init=("tiny", _SEMANTIC_FULL)),
-        data=replace(_FULL, train=_mixed(20472), workers=5),
+        model=ModelConfig("tiny", init=("tiny",)),
+        data=replace(_FULL, train=_mixed(30000, 31667), workers=15),
         loss=_LOSS,
-        optimizer=OptimizerConfig(lr=4e-4, steps=211, gradient_clip=1.0, schedule=OneCycle()),
-        train=TrainConfig(batch_size=16, seed=6, val_every=211, checkpoint_every=200),
+        optimizer=OptimizerConfig(lr=5e-4, steps=2200, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=16, seed=7, val_every=2200, checkpoint_every=200),
     ),
     Experiment(
         name="tiny",
