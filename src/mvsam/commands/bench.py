@@ -47,7 +47,7 @@ class Bench:
     device: Device = "auto"
     """auto: a GPU where there is one."""
     out: Path | None = None
-    """A JSON file to keep the figures in."""
+    """A JSON file to keep the figures in, those measured so far if it is stopped."""
     json: Json = False
 
     def run(self) -> None:
@@ -65,15 +65,17 @@ class Bench:
             )
         for case in cases:
             check_case(case)
+        machine, measured, report = machine_record(cases[0].device), [], {}
         with progress_bar() as progress:
-            measured = [run_case(case) for case in progress.track(cases, description="bench")]
-        report = {
-            **machine_record(cases[0].device),
-            "cases": [asdict(m) for m in measured],
-            "ratios": [asdict(ratio) for ratio in ratios(measured)],
-        }
-        if self.out:
-            write_json(self.out, report)
+            for case in progress.track(cases, description="bench"):
+                measured.append(run_case(case))
+                report = {
+                    **machine,
+                    "cases": [asdict(m) for m in measured],
+                    "ratios": [asdict(ratio) for ratio in ratios(measured)],
+                }
+                if self.out:  # after every case: a long bench may be stopped
+                    write_json(self.out, report)
         if self.json:
             print_json(report)
         else:
