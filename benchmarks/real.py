@@ -201,6 +201,9 @@ def page(record: dict, labels: dict | None) -> str:
         "",
         "*Confident half*: the half of each image's pixels with the highest confidence. *Median*: "
         "a constant depth that knows each image's median. Written by `benchmarks/real.py`.",
+        "",
+        "The paper's methods side by side are in [tables](tables.md), what became of its claims "
+        "in [claims](claims.md).",
     ]
     if labels is not None:
         lines += ["", "## Labels on the held-out tenth of NYUv2's training images", ""]

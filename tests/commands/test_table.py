@@ -28,7 +28,7 @@ def test_measured_rows_come_from_the_folder_of_results(here: Path, capsys):
     write_seeds(here / "mine" / "runs", BUDGETS["rooms"]["sam_conv"], miou=[0.2, 0.3])
     assert main(["table", "4", "--results", "mine", "--csv"]) == 0
     row = next(x for x in capsys.readouterr().out.splitlines() if "sam_conv_rooms" in x)
-    assert ",0.272,0.25," in row and row.endswith(",converged")
+    assert ",0.272,0.25," in row and row.endswith(",full budget")
 
 
 @pytest.mark.parametrize(

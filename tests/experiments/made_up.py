@@ -18,6 +18,7 @@ def result_of(run: RowRun, seed: int = 0, pictures: int = 4800, **scores: float)
         pictures=pictures,
         weights="random",
         scores={name: scores.get(name) for name in ("abs", "rel", "rmse", "miou")},
+        experiment=run.experiment.as_json(),
     )
 
 

@@ -52,10 +52,17 @@ def test_a_gain_within_the_spread_decides_nothing(tmp_path: Path):
 
 def test_one_seed_is_said_to_be_one(tmp_path: Path):
     write(tmp_path, mvs_sam=[0.1], cas_mvsnet=[0.2])
-    assert judge(SAM_HELPS, ROOMS, tmp_path).text == "holds, with one seed"
+    text = "holds, with one seed of mvs_sam and cas_mvsnet"
+    assert judge(SAM_HELPS, ROOMS, tmp_path).text == text
 
 
-def test_rows_that_are_not_converged_leave_a_claim_open(tmp_path: Path):
+def test_one_row_with_seeds_gives_no_spread_of_the_difference(tmp_path: Path):
+    write(tmp_path, mvs_sam=[0.1, 0.2, 0.3], cas_mvsnet=[0.25])
+    verdict = judge(SAM_HELPS, ROOMS, tmp_path)
+    assert verdict.spread is None and verdict.text == "holds, with one seed of cas_mvsnet"
+
+
+def test_rows_of_too_few_pictures_leave_a_claim_open(tmp_path: Path):
     write(tmp_path, mvs_sam=[0.1])
     write(tmp_path, 600, cas_mvsnet=[0.2])
-    assert judge(SAM_HELPS, ROOMS, tmp_path).text == "open: cas_mvsnet is not converged"
+    assert judge(SAM_HELPS, ROOMS, tmp_path).text == "open: cas_mvsnet had too few pictures"

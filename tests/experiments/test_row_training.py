@@ -105,7 +105,9 @@ def test_a_row_waits_for_the_one_it_begins_with(job: Job, folders: Folders):
 
 
 def test_rows_come_once_and_after_those_they_begin_with():
-    names = [job.name for job in jobs_of(["mvs_unet", "unet_r34", "unet_r50"], ROOMS)]
+    jobs = jobs_of(["mvs_unet", "unet_r34", "unet_r50"], ROOMS)
+    assert [job.name for job in jobs if job.needs_weights] == ["unet_r34_rooms-0"]
+    names = [job.name for job in jobs]
     assert names == [
         "unet_r34_rooms-0",
         *(f"mvs_unet_rooms-{seed}" for seed in range(3)),
@@ -188,3 +190,20 @@ def test_results_of_fewer_steps_are_not_enough(job: Job, folders: Folders):
     assert is_done(job, folders)
     path.write_text(json.dumps(replace(page, steps=2, data="rooms:test:0-1").__dict__))
     assert not is_done(job, folders), "the row is scored on other data by now"
+    data = {"train": "rooms:train:0-1"}
+    path.write_text(json.dumps(replace(page, steps=2, experiment={"data": data}).__dict__))
+    assert not is_done(job, folders), "the row is trained on other data by now"
+
+
+def test_a_row_that_another_begins_with_is_done_while_its_weights_are_there(
+    job: Job, folders: Folders
+):
+    path = result_path(folders.results, "small", 1)
+    path.parent.mkdir(parents=True)
+    path.write_text(json.dumps(replace(result_of(job.run, seed=1), steps=2).__dict__))
+    needed = replace(job, needs_weights=True)
+    assert is_done(job, folders) and not is_done(needed, folders)
+    weights = folders.weights(job.run, job.seed)
+    weights.parent.mkdir(parents=True)
+    weights.touch()
+    assert is_done(needed, folders)

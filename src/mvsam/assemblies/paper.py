@@ -63,7 +63,11 @@ def mvs_sam(num_classes: int = 20, tuned_blocks: int = 0) -> MultiViewSAM:
 def cas_mvsnet(
     num_classes: int = 20, cascade: Callable[[], DepthCascade] = paper_cascade
 ) -> MultiViewSAM:
-    """Tables 1 and 5, CasMVSNet with the paper's hypotheses and training: 934,304 parameters."""
+    """Tables 1 and 5, CasMVSNet with the paper's hypotheses and training: 934,304 parameters.
+
+    Windows of hypotheses stay in the depth range as ours do; CasMVSNet's code lets them leave it
+    (`DepthCascade(clamp="none")`).
+    """
     del num_classes
     return MultiViewSAM(geometry_encoder=FeaturePyramid(), cascade=cascade())
 

@@ -29,7 +29,8 @@ class AdapNetPP(Model):
     """Semantics of view 0 alone, trained by `AdapNetPPLoss`, two or more at a time.
 
     (The encoder normalises a global mean over the batch, which one picture cannot train.) The
-    publication begins with ImageNet weights of its own network, which are not to be had here.
+    publication begins with ImageNet weights of its own network, which are not to be had here, and
+    leaves pictures (BGR) as they are to the batch norm at its input; ours come normalised.
     `Prediction.auxiliary` holds the side outputs at 1/4 and at 1/8; their 10,320 parameters come
     on top. `rates`: see `Encoder`.
     """

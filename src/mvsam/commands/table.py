@@ -79,7 +79,14 @@ class Table:
         if any(number is not None and number < 1 for number in (self.steps, self.seeds)):
             raise InputError("--steps and --seeds must be 1 or more.")
         chosen = [row for row in rows if not self.rows or row in self.rows]
-        jobs = jobs_of(chosen, BUDGETS[self.data], self.steps, self.seeds, self.accelerator)
+        jobs = jobs_of(
+            chosen,
+            BUDGETS[self.data],
+            self.steps,
+            self.seeds,
+            self.accelerator,
+            needs_weights=self.number == 6,
+        )
         elsewhere = train_jobs(jobs, folders, _announce, _show_scoring)
         if elsewhere:
             _announce(f"trainings left to others: {len(elsewhere)}; call again when they ended")

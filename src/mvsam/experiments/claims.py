@@ -25,8 +25,10 @@ CLAIMS = (
     Claim("SAM's features lower it further than a U-Net's", "mvs_sam", "mvs_unet"),
     Claim("training both tasks lowers it again", "base", "mvs_sam"),
     Claim("it does so through SAM->MVS", "base", "base_no_bridge"),
+    Claim("the whole network beats its cascade alone", "base", "cas_mvsnet"),
     Claim("five views beat three", "base_5_views", "base"),
     Claim("several views beat one by a wide margin", "base", "mtan"),
+    Claim("the whole network labels better than multi-task methods", "base", "mtan", "miou"),
     Claim("the depth prompt raises mIoU", "base", "sam_tuned", "miou"),
     Claim("the transformer decoder beats the convolutional one", "sam_frozen", "sam_conv", "miou"),
     Claim("tuning the encoder raises mIoU", "sam_tuned", "sam_frozen", "miou"),
@@ -44,7 +46,10 @@ class Verdict:
     measured: float | None = None
     """None where a row is missing or had too few pictures."""
     spread: float | None = None
-    """Standard deviation of that difference between two single runs; None with one seed each."""
+    """Standard deviation of that difference between two single runs; None where a row has one seed.
+    """
+    single: tuple[str, ...] = ()
+    """Rows with one seed."""
     obstacle: str = ""
     """Why there is no verdict."""
 
@@ -55,7 +60,9 @@ class Verdict:
         if abs(self.measured) <= (self.spread or 0.0):
             return "undecided: within the spread of the seeds"
         verdict = "holds" if self.measured > 0 else "does not hold"
-        return verdict if self.spread is not None else f"{verdict}, with one seed"
+        if not self.single:
+            return verdict
+        return f"{verdict}, with one seed of {' and '.join(self.single)}"
 
 
 def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
@@ -67,14 +74,24 @@ def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
         if row is None:
             return Verdict(claim, published, obstacle=f"open: {name} is missing")
         if row.pictures < runs[name].enough:
-            return Verdict(claim, published, obstacle=f"open: {name} is not converged")
+            return Verdict(claim, published, obstacle=f"open: {name} had too few pictures")
         measured.append(row)
     means = [row.means[claim.metric] for row in measured]
     deviations = [row.deviations[claim.metric] for row in measured]
     known = [deviation for deviation in deviations if deviation is not None]
     better, worse = means
     assert better is not None and worse is not None, "claims are about tasks that both rows have"
-    return Verdict(claim, published, _gain(claim, better, worse), hypot(*known) if known else None)
+    return Verdict(
+        claim,
+        published,
+        _gain(claim, better, worse),
+        spread=hypot(*known) if len(known) == len(deviations) else None,
+        single=tuple(
+            name
+            for name, deviation in zip((claim.better, claim.worse), deviations, strict=True)
+            if deviation is None
+        ),
+    )
 
 
 def published_gain(claim: Claim) -> float:

@@ -82,27 +82,32 @@ class Measured:
 def read_measured(folder: Path, run: RowRun) -> Measured | None:
     """The seeds that were trained longest; None where there is none.
 
-    Scores on other data or under another protocol than the row's do not count.
+    What was trained or scored on other data than the row's, or scored otherwise, does not count.
     """
     name = run.experiment.name
     paths = sorted(folder.glob(f"{name}-*.json"))
     results = {path: read_result(path) for path in paths}
     for path, result in results.items():
-        if not is_scored_as(result, run):
+        if not is_of_row(result, run):
             log.warning(
-                "%s: was scored on other data or otherwise than the row is; it is left out.", path
+                "%s: was trained on other data than the row is, or scored otherwise; it is left "
+                "out.",
+                path,
             )
-    found = [result for result in results.values() if is_scored_as(result, run)]
+    found = [result for result in results.values() if is_of_row(result, run)]
     if not found:
         return None
     longest = max(result.pictures for result in found)
     return together([result for result in found if result.pictures == longest])
 
 
-def is_scored_as(result: Result, run: RowRun) -> bool:
-    """Whether the data, the protocol and the number of views are those of the row."""
-    expected = (run.experiment.name, run.scored_on, run.protocol, run.views)
-    return (result.run, result.data, result.protocol, result.views) == expected
+def is_of_row(result: Result, run: RowRun) -> bool:
+    """Whether both kinds of data, the protocol and the number of views are those of the row."""
+    learned_from = result.experiment.get("data", {}).get("train")
+    actual = (result.run, learned_from, result.data, result.protocol, result.views)
+    experiment = run.experiment
+    expected = (experiment.name, experiment.data.train, run.scored_on, run.protocol, run.views)
+    return actual == expected
 
 
 def together(results: Sequence[Result]) -> Measured:

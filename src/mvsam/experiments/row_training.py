@@ -18,7 +18,7 @@ from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.driver import LAST, WEIGHTS, device_of, train
 from mvsam.experiments.results import (
     Result,
-    is_scored_as,
+    is_of_row,
     read_result,
     result_path,
     write_result,
@@ -53,6 +53,8 @@ class Job:
     seed: int
     steps: int
     accelerator: str = "auto"
+    needs_weights: bool = False
+    """Done only while its weights are there: another row begins with them, or they are shown."""
 
     @property
     def name(self) -> str:
@@ -74,11 +76,12 @@ def jobs_of(
     steps: int | None = None,
     seeds: int | None = None,
     accelerator: str = "auto",
+    needs_weights: bool = False,
 ) -> list[Job]:
     """The trainings that these rows ask for, each once and after those it begins with.
 
     steps, seeds: the same for every row, as on a GPU; None: each row's own. A row that another
-    begins with is needed with its first seed alone.
+    begins with is needed with its first seed alone. needs_weights: as of `Job`, for every row.
     """
     jobs: dict[str, Job] = {}
     for run in (runs[name] for name in rows):
@@ -86,18 +89,20 @@ def jobs_of(
         if run.row.after:
             needed.insert(0, (runs[run.row.after], 0))
         for each, seed in needed:
-            job = Job(each, seed, steps or each.experiment.optimizer.steps, accelerator)
-            jobs.setdefault(job.name, job)
+            length = steps or each.experiment.optimizer.steps
+            job = Job(each, seed, length, accelerator, needs_weights or each is not run)
+            if job.needs_weights or job.name not in jobs:
+                jobs[job.name] = job
     return list(jobs.values())
 
 
 def is_done(job: Job, folders: Folders) -> bool:
-    """Whether there is a result of so many steps, or more, that was scored as the row is now."""
+    """Whether there is a result of so many steps, or more, that was made as the row is now."""
     path = result_path(folders.results, job.run.experiment.name, job.seed)
-    if not path.exists():
+    if not path.exists() or (job.needs_weights and not folders.weights(job.run, job.seed).exists()):
         return False
     result = read_result(path)
-    return result.steps >= job.steps and is_scored_as(result, job.run)
+    return result.steps >= job.steps and is_of_row(result, job.run)
 
 
 @contextmanager

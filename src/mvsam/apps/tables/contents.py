@@ -38,7 +38,8 @@ class Line:
     speed: Speed | None
 
     @property
-    def is_converged(self) -> bool:
+    def has_full_budget(self) -> bool:
+        """Whether it was trained for as long as a row that carries a claim."""
         return self.measured is not None and self.measured.pictures >= self.run.enough
 
     @property
@@ -46,8 +47,8 @@ class Line:
         """What may be concluded from the measured figures."""
         if self.measured is None:
             return "missing"
-        if self.is_converged:
-            return "converged"
+        if self.has_full_budget:
+            return "full budget"
         seen = f"{self.measured.pictures:,} of {self.run.enough:,} pictures"
         return f"not converged, no claim ({seen})"
 
@@ -99,7 +100,7 @@ def read_speeds(path: Path) -> dict[str, Speed]:
 def heading(table: Table, budget: Budget, lines: list[Line]) -> list[str]:
     """What the figures are, in sentences: title, data and protocol, remarks."""
     run = lines[0].run
-    short = [line for line in lines if line.measured and not line.is_converged]
+    short = [line for line in lines if line.measured and not line.has_full_budget]
     sentences = [
         f"Table {table.number}: {table.title}",
         "Published: the paper, on ScanNet. Measured: mean and standard deviation over seeds on "
@@ -109,6 +110,18 @@ def heading(table: Table, budget: Budget, lines: list[Line]) -> list[str]:
         sentences.append(
             "Rooms are not ScanNet, networks with SAM have the sizes of `tiny`: compare measured "
             "figures with each other, not with published ones."
+        )
+        sentences.append(
+            f"Full budget: {run.enough:,} pictures, after which losses still fall; of several "
+            "views four rooms a step with three references each, of one view twelve rooms. Rows "
+            "with SAM begin with the encoder of `tiny`, which has learned depth and these classes "
+            "from other rooms, the rest from nothing."
+        )
+    device = next((line.speed.device for line in lines if line.speed), None)
+    if device is not None:
+        sentences.append(
+            "s, MiB: one prediction at 320x256 with as many views as the row has, weights "
+            f"included; random weights, {device}, benchmarks/methods.py."
         )
     if table.note:
         sentences.append(table.note)

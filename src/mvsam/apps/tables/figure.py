@@ -27,7 +27,7 @@ def pyplot() -> Any:
 
 
 def draw_bars(table: Table, budget: Budget, lines: Sequence[Line], path: Path) -> None:
-    """One panel a metric, one pair of bars a row; hatched: not converged, no claim."""
+    """One panel a metric, one pair of bars a row; hatched: too few pictures, no claim."""
     plt = pyplot()
     height = 1.2 + 0.42 * len(lines)
     width = 2.2 + 3.2 * len(table.metrics)
@@ -57,9 +57,9 @@ def _panel(axis: Any, metric: str, lines: Sequence[Line]) -> None:
                 100 * measured,
                 0.36,
                 xerr=None if deviation is None else 100 * deviation,
-                color=MEASURED if line.is_converged else "none",
+                color=MEASURED if line.has_full_budget else "none",
                 edgecolor=MEASURED,
-                hatch=None if line.is_converged else "////",
+                hatch=None if line.has_full_budget else "////",
                 capsize=3,
             )
         elif published is not None:

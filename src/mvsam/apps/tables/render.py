@@ -66,7 +66,7 @@ def measured_text(line: Line, metric: str) -> str:
     text = f"{100 * value:.1f}"
     if deviation is not None:
         text += f" +- {100 * deviation:.1f}"
-    return text if line.is_converged else f"({text})"
+    return text if line.has_full_budget else f"({text})"
 
 
 def _seeds(line: Line) -> str:
