@@ -8,7 +8,6 @@ between runs, is left out.
 """
 
 import argparse
-import json
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +16,9 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from mvsam.files import write_json
+from mvsam.provenance import provenance
 
 SCORES = ("val/rel", "val/miou")
 LONGEST_STEP_SECONDS = 120
@@ -67,7 +69,7 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, help="picture to draw")
     arguments = parser.parse_args()
     curves = {folder.name: curve(folder) for folder in arguments.runs}
-    arguments.out.write_text(json.dumps(curves, indent=2) + "\n")
+    write_json(arguments.out, {**provenance(), "curves": curves})
     if arguments.picture:
         draw(curves, arguments.picture)
 

@@ -8,6 +8,7 @@ the later one's (Wortsman et al. 2022). What belongs to no part of the model is 
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from torch import nn
 from mvsam.build import build
 from mvsam.errors import InputError
 from mvsam.weights import ASSETS, load, save
+from mvsam.weights.page import WeightsInfo
 
 
 class Part(NamedTuple):
@@ -29,6 +31,10 @@ class Part(NamedTuple):
     def parse(text: str) -> "Part":
         weights, _, share = text.partition("=")
         return Part(weights, float(share or 1))
+
+    @property
+    def is_whole(self) -> bool:
+        return self.share == 1
 
 
 @torch.no_grad()
@@ -43,6 +49,22 @@ def mix_in(model: nn.Module, other: nn.Module, share: float, fresh: set[str]) ->
     fresh.difference_update(theirs)
 
 
+def check_shares(parts: Sequence[Part]) -> None:
+    """InputError where a share says nothing: of the first weights, or none of the later ones'."""
+    if not parts[0].is_whole:
+        raise InputError(f"{parts[0].weights} comes first: there is nothing to mix it into.")
+    for part in parts:
+        if not 0 < part.share <= 1:
+            raise InputError(f"{part.weights}={part.share:g}: a share lies between 0 and 1.")
+
+
+def check_pages(pages: Sequence[WeightsInfo]) -> None:
+    """InputError where weights are for other classes, depths or sizes than the last ones."""
+    for name in ("classes", "depth_range", "input_size", "semantic_size"):
+        if len({str(getattr(page, name)) for page in pages}) > 1:
+            raise InputError(f"the weights differ in {name}: they cannot become one file.")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("parts", nargs="+", type=Part.parse, metavar="WEIGHTS[=SHARE]")
@@ -51,8 +73,10 @@ def main() -> None:
     place.add_argument("--name", help="under which mvsam.load finds it")
     place.add_argument("--out", type=Path, help="another file, in full precision")
     arguments = parser.parse_args()
+    check_shares(arguments.parts)
     loaded = [load(part.weights) for part in arguments.parts]
     info = loaded[-1].info
+    check_pages([model.info for model in loaded])
     name = arguments.model or info.model
     model = build(name, info.num_classes)
     model.input_size, model.semantic_size = info.input_size, info.semantic_size

@@ -75,6 +75,24 @@ def test_what_no_earlier_weights_have_is_taken_whole(embed, weights, tmp_path, m
         torch.testing.assert_close(whole[name], depth[name], atol=1e-5, rtol=1e-4)
 
 
+@pytest.mark.parametrize(("first", "later"), [("=0.5", ""), ("", "=1.5"), ("", "=0")])
+def test_a_share_that_says_nothing_is_refused(
+    embed, weights, tmp_path, monkeypatch, first: str, later: str
+):
+    parts = (f"{weights['a']}{first}", f"{weights['b']}{later}")
+    with pytest.raises(InputError, match=r"comes first|between 0 and 1"):
+        run(embed, monkeypatch, *parts, "--out", tmp_path / "mean.safetensors")
+
+
+def test_weights_of_another_size_are_refused(embed, weights, tmp_path, monkeypatch):
+    other = build("tiny_semantic")
+    other.input_size = (128, 96)
+    path = tmp_path / "other.safetensors"
+    save(other, path, "tiny_semantic")
+    with pytest.raises(InputError, match="differ in input_size"):
+        run(embed, monkeypatch, weights["a"], path, "--out", tmp_path / "mean.safetensors")
+
+
 def test_a_part_that_none_has_is_missed(embed, weights, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"none of the weights have .* of tiny"):
         run(

@@ -81,6 +81,8 @@ def test_ablations_differ_from_their_model_in_the_assembly_alone():
 
 
 def test_an_unknown_run_is_refused_with_the_names_there_are():
-    with pytest.raises(InputError, match="unknown run 'tiny_hlf'") as error:
-        find_run("tiny_hlf")
+    with pytest.raises(
+        InputError, match=r"unknown run 'tiny_joit'\. Did you mean 'tiny_joint'"
+    ) as error:
+        find_run("tiny_joit")
     assert all(name in str(error.value) for name in RUNS)

@@ -100,8 +100,9 @@ class DataConfig:
     come with the package."""
     singles_part: float = 0.6
     """Smallest share of a photo's sides that is cut out anew each time; 1: the whole photo."""
-    workers: int = 1
-    """Processes that load or render data, for each training process."""
+    workers: int | None = None
+    """Processes that load or render data, for each training process; none: what the machine's cores
+    leave, 15 at most. 0: the training process does it."""
 
     def of_scans(self, name: str) -> dict[str, Any]:
         """What `open_data` is told of a source that is no rooms.

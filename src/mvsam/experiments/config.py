@@ -59,7 +59,7 @@ class Experiment:
 
     name: str
     about: str
-    """What the run is for, how long it took on which machine, and what it gave."""
+    """What the run is for, and about how long it takes on which machine."""
     model: ModelConfig = field(default_factory=ModelConfig)
     data: DataConfig = field(default_factory=DataConfig)
     loss: Loss = field(default_factory=JointLoss)

@@ -29,10 +29,13 @@ from mvsam.training.module import TrainingModule
 from mvsam.types import Model
 from mvsam.weights import (
     RUN_PAGE,
+    embedded,
+    file_hash,
     layout_channels_last,
     load_encoder,
     load_into,
     load_sam,
+    locate,
     read_tensors,
     save,
 )
@@ -158,9 +161,27 @@ def _save_weights(
             "run": experiment.name,
             "steps": steps,
             "commit": commit(),
+            "began_with": first_weights(experiment.model, model.backbone_weights),
             "backbone_weights": model.backbone_weights,
         },
     )
+
+
+def first_weights(config: ModelConfig, backbone: str) -> str:
+    """What a model began with, in a few words: names of runs and files, else "random".
+
+    Weights that come with the package change from version to version: their hash goes with them.
+    """
+    names = [_name_of(Path(path)) for path in config.beginnings]
+    if backbone != "random":
+        names.append(backbone)
+    return " + ".join(names) or "random"
+
+
+def _name_of(path: Path) -> str:
+    if str(path) in embedded():
+        return f"{path} {file_hash(locate(str(path))[0])[:8]}"
+    return path.parent.name if path.stem == "model" else path.stem
 
 
 def device_of(accelerator: str) -> str:

@@ -1,5 +1,6 @@
 """What a run reads: the sample stream from where it stopped, and its share of validation scenes."""
 
+import os
 import signal
 from math import ceil
 
@@ -11,6 +12,16 @@ from mvsam.data.dataset import TupleDataset, collate
 from mvsam.data.stream import Onward, SampleStream, collate_training
 from mvsam.data.view_rules import RULES, prescribe
 from mvsam.experiments.config import Experiment
+
+
+def num_workers(wanted: int | None, processes: int) -> int:
+    """`DataConfig.workers` of each of so many training processes on this machine."""
+    if wanted is not None:
+        return wanted
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
+    return min(max(cores // processes - 1, 1), 15)
 
 
 class ExperimentData(LightningDataModule):
@@ -26,15 +37,16 @@ class ExperimentData(LightningDataModule):
         data, train = self.experiment.data, self.experiment.train
         assert self.trainer is not None
         share = train.batch_size // self.num_processes
+        workers = num_workers(data.workers, self.trainer.num_devices)
         return DataLoader(
             SampleStream(data, train.seed, train.batch_size),
             batch_size=share,
             sampler=Onward(self.next_sample + self.trainer.global_rank, self.num_processes),
-            num_workers=data.workers,
+            num_workers=workers,
             collate_fn=collate_training,
-            prefetch_factor=4 if data.workers else None,
-            multiprocessing_context="spawn" if data.workers else None,
-            worker_init_fn=_leave_ctrl_c_to_the_trainer if data.workers else None,
+            prefetch_factor=4 if workers else None,
+            multiprocessing_context="spawn" if workers else None,
+            worker_init_fn=_leave_ctrl_c_to_the_trainer if workers else None,
         )
 
     def val_dataloader(self) -> DataLoader:

@@ -15,7 +15,7 @@ from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import evaluate
 from mvsam.evaluation.protocols import PROTOCOLS
 from mvsam.experiments.config import Experiment, ModelConfig
-from mvsam.experiments.driver import LAST, WEIGHTS, device_of, train
+from mvsam.experiments.driver import LAST, WEIGHTS, device_of, first_weights, train
 from mvsam.experiments.results import (
     Result,
     is_of_row,
@@ -25,7 +25,7 @@ from mvsam.experiments.results import (
 )
 from mvsam.experiments.rows import RowRun, pictures_of
 from mvsam.experiments.runs import RUNS
-from mvsam.weights import embedded, file_hash, load, locate, read_info
+from mvsam.weights import load, read_info
 
 Progress = Callable[[int, int], None]
 """Called with the number of photos scored so far, and of all."""
@@ -217,20 +217,3 @@ def _result(job: Job, training: dict, scores: dict, seconds: float | None) -> Re
         train_seconds=seconds,
         experiment=job.experiment.as_json(),
     )
-
-
-def first_weights(config: ModelConfig, backbone: str) -> str:
-    """What a model began with, in a few words: names of runs and files, else "random".
-
-    Weights that come with the package change from version to version: their hash goes with them.
-    """
-    names = [_name_of(Path(path)) for path in config.beginnings]
-    if backbone != "random":
-        names.append(backbone)
-    return " + ".join(names) or "random"
-
-
-def _name_of(path: Path) -> str:
-    if str(path) in embedded():
-        return f"{path} {file_hash(locate(str(path))[0])[:8]}"
-    return path.parent.name if path.stem == "model" else path.stem

@@ -76,11 +76,11 @@ class Manner:
     """How somebody takes the photos of a room."""
 
     around: float
-    """Share of the paths that go around one thing, if there is one."""
+    """Share of the paths that go around one thing, of those made to show one (85 % of all)."""
     step_deg: tuple[Number, Number] = (8, 45)
-    """The angle between two photos of such a path, from .. to."""
+    """The angle between two photos of such a path, from .. to, give or take a third."""
     arc_deg: Number = 110
-    """Such a path goes no farther around."""
+    """About the farthest that such a path goes around."""
     turn_deg: tuple[Number, Number] | None = None
     """The other paths turn by so much a step; none: a little."""
     plain_costs: float = 2.5
@@ -90,12 +90,12 @@ class Manner:
 
 
 CASUAL = Manner(around=0.24)
-"""Most photos are 2-60 cm apart and turn a little; some go around one thing, in steps of up to 45
-degrees and 1.2 m, as people photograph a piece of furniture."""
+"""Most photos are 2-60 cm apart and turn a little; some go around one thing, in steps of about 45
+degrees and 1.2 m at most, as people photograph a piece of furniture."""
 WIDE = Manner(around=0.5, turn_deg=(10, 35))
 """As photos do that share little."""
 AROUND = Manner(around=1.0, step_deg=(20, 70), arc_deg=200, plain_costs=0.3, patience=400)
-"""All of one thing, from all sides and above, often with nothing but floor about it."""
+"""Nearly all around one thing, in wide steps, often with nothing but floor about it."""
 
 
 def camera_path(

@@ -55,7 +55,7 @@ class Light:
     normal: Float[np.ndarray, "3"]
     """Zero for a lamp that shines everywhere."""
     power: Color
-    """Irradiance at one metre, linear RGB."""
+    """Irradiance at about one metre, linear RGB; softened nearer to the lamp."""
 
     def placed(self, angle_deg: Number, offset: Float[np.ndarray, "3"]) -> "Light":
         turn = rotation_about("z", angle_deg)

@@ -20,7 +20,7 @@ SPLITS: dict[str, int | None] = {
     "train": None, "wide": None, "around": None, "val": 100, "test": 100,
 }  # fmt: skip
 """Number of scenes; None is unlimited. `wide` and `around` are to train on too: the views of the
-one share little, those of the other show one thing from all sides, half of them in a bare room."""
+one share little, most of the other go around one thing in wide steps, half in a bare room."""
 VERSION = 4
 """Grows whenever a change alters a pixel, so that no cache serves rooms of another version."""
 _SPLIT_KEYS = {"train": 101, "val": 202, "test": 303, "wide": 404, "around": 505}
