@@ -1,8 +1,10 @@
 """The weights and the sample room that come with the package."""
 
+import numpy as np
 import pytest
 
 from mvsam import weights
+from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset
 from mvsam.data.formats import open_scene
 from mvsam.data.labels import SCANNET20
@@ -49,3 +51,15 @@ def test_tiny_says_what_it_was_trained_for_and_by_what():
 
 def test_the_weights_are_small_enough_to_come_with_the_package():
     assert (weights.ASSETS / "tiny.safetensors").stat().st_size < 15e6
+
+
+def test_the_sample_is_the_first_room_of_rooms_val():
+    """What `mvsam rooms export rooms:val:0-1` writes now."""
+    kept, room = open_scene(weights.ASSETS / "sample"), open_data("rooms:val:0-1")[0]
+    assert len(kept) == len(room)
+    for index in range(len(room)):
+        ours, theirs = kept.frame(index), room.frame(index)
+        np.testing.assert_allclose(ours.intrinsics, theirs.intrinsics, atol=1e-4)
+        np.testing.assert_allclose(ours.world_from_cam, theirs.world_from_cam, atol=1e-6)
+        assert np.mean(np.abs(ours.depth - theirs.depth) < 0.002) > 0.999, "processors may round"
+        assert np.mean(ours.labels == theirs.labels) > 0.999

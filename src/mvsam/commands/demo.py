@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
 
 SAMPLE = Path(__file__).parents[1] / "assets" / "sample"
-"""Five views of one room of rooms:val, as a posed folder."""
+"""Five views of one room, rooms:val:0 of version 4, as a posed folder."""
 
 
 @dataclass(frozen=True)
