@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from mvsam.memory import peak_memory
+from mvsam.memory import forget_peak, memory_in_use, peak_memory
 
 
 def test_the_peak_grows_with_what_is_held_and_stays():
@@ -14,6 +14,16 @@ def test_the_peak_grows_with_what_is_held_and_stays():
     assert grown > len(held)
     del held
     assert peak_memory("cpu") > 0.99 * grown  # Linux adds up its counters loosely
+
+
+@pytest.mark.skipif(platform.system() != "Linux", reason="other systems count from the start")
+def test_a_forgotten_peak_is_counted_anew():
+    held = bytearray(b"\1") * (200 * 2**20)
+    high = peak_memory("cpu")
+    del held
+    forget_peak("cpu")
+    assert peak_memory("cpu") < high - 150 * 2**20
+    assert peak_memory("cpu") == pytest.approx(memory_in_use("cpu"), abs=20 * 2**20)
 
 
 def test_a_child_does_not_begin_with_the_peak_of_its_parent():

@@ -2,6 +2,7 @@
 
 import ctypes
 import platform
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -34,6 +35,17 @@ def peak_memory(device: str) -> int:
 
     unit = 1 if platform.system() == "Darwin" else 1024  # macOS counts in bytes
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+def forget_peak(device: str) -> None:
+    """From here on `peak_memory` counts anew, where the system allows it (Linux does, GPUs do)."""
+    if device == "cuda":
+        import torch
+
+        torch.cuda.reset_peak_memory_stats()
+        return
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # the resident peak becomes the present size
 
 
 def keep_freed_memory() -> None:
