@@ -194,7 +194,7 @@ def test_attention_is_written_out_on_a_processor_alone(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr("mvsam.assemblies.tiny.TINY_SIDE", SIDE)
     for device, is_fused in (("cpu", False), ("cuda", True)):
-        model = initial_model(find_run("tiny_semantic_full").model, device)
+        model = initial_model(ModelConfig("tiny_semantic", init=("tiny",)), device)
         assert isinstance(model, MultiViewSAM) and model.semantic_encoder is not None
         blocks = model.semantic_encoder.backbone.blocks
         assert all(block.attn.fused_attn is is_fused for block in blocks)  # pyright: ignore
