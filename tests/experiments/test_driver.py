@@ -19,6 +19,7 @@ from mvsam.data.labels import SCANNET20
 from mvsam.errors import InputError
 from mvsam.experiments import driver
 from mvsam.experiments.checks import classes_of
+from mvsam.experiments.config import ModelConfig
 from mvsam.experiments.driver import (
     device_of,
     initial_model,
