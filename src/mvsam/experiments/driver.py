@@ -73,6 +73,7 @@ def train(
     if last is not None:
         warn_of_changes(experiment, folder / RUN_PAGE)
     model = _model_of_run(experiment, device, is_resumed=last is not None)
+    began_with = first_weights(experiment.model, model.backbone_weights)
     rank_zero_only(experiment.save)(folder / RUN_PAGE, classes)
 
     module = _training_module(experiment, model)
@@ -85,7 +86,7 @@ def train(
 
     target = folder / WEIGHTS
     if trainer.is_global_zero:
-        _save_weights(model, target, experiment, classes, trainer.global_step)
+        _save_weights(model, target, experiment, classes, trainer.global_step, began_with)
     return target
 
 
@@ -148,7 +149,12 @@ def _training_module(experiment: Experiment, model: Model) -> TrainingModule:
 
 
 def _save_weights(
-    model: Model, target: Path, experiment: Experiment, classes: ClassTable, steps: int
+    model: Model,
+    target: Path,
+    experiment: Experiment,
+    classes: ClassTable,
+    steps: int,
+    began_with: str,
 ) -> None:
     save(
         model,
@@ -161,7 +167,7 @@ def _save_weights(
             "run": experiment.name,
             "steps": steps,
             "commit": commit(),
-            "began_with": first_weights(experiment.model, model.backbone_weights),
+            "began_with": began_with,
             "backbone_weights": model.backbone_weights,
         },
     )
