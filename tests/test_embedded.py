@@ -61,5 +61,6 @@ def test_the_sample_is_the_first_room_of_rooms_val():
         ours, theirs = kept.frame(index), room.frame(index)
         np.testing.assert_allclose(ours.intrinsics, theirs.intrinsics, atol=1e-4)
         np.testing.assert_allclose(ours.world_from_cam, theirs.world_from_cam, atol=1e-6)
+        assert ours.depth is not None and theirs.depth is not None
         assert np.mean(np.abs(ours.depth - theirs.depth) < 0.002) > 0.999, "processors may round"
         assert np.mean(ours.labels == theirs.labels) > 0.999
