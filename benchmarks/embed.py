@@ -32,10 +32,6 @@ class Part(NamedTuple):
         weights, _, share = text.partition("=")
         return Part(weights, float(share or 1))
 
-    @property
-    def is_whole(self) -> bool:
-        return self.share == 1
-
 
 @torch.no_grad()
 def mix_in(model: nn.Module, other: nn.Module, share: float, fresh: set[str]) -> None:
@@ -51,7 +47,7 @@ def mix_in(model: nn.Module, other: nn.Module, share: float, fresh: set[str]) ->
 
 def check_shares(parts: Sequence[Part]) -> None:
     """InputError where a share says nothing: of the first weights, or none of the later ones'."""
-    if not parts[0].is_whole:
+    if parts[0].share != 1:
         raise InputError(f"{parts[0].weights} comes first: there is nothing to mix it into.")
     for part in parts:
         if not 0 < part.share <= 1:

@@ -82,6 +82,7 @@ def test_a_finished_run_leaves_weights_page_checkpoint_record_and_logs(finished:
     assert any(name.startswith("events.out.tfevents") for name in names)
     info = read_info(finished / "model.json")
     assert info.model == "tiny" and info.training["steps"] == 6
+    assert info.training["began_with"] == "random"
     assert "val/rel" in (finished / "metrics.csv").read_text().splitlines()[0]
 
 
