@@ -82,7 +82,8 @@ class Measured:
 def read_measured(folder: Path, run: RowRun) -> Measured | None:
     """The seeds that were trained longest; None where there is none.
 
-    What was trained or scored on other data than the row's, or scored otherwise, does not count.
+    What was trained or scored on other data than the row's, in other batches or otherwise does not
+    count.
     """
     name = run.experiment.name
     paths = sorted(folder.glob(f"{name}-*.json"))
@@ -90,8 +91,8 @@ def read_measured(folder: Path, run: RowRun) -> Measured | None:
     for path, result in results.items():
         if not is_of_row(result, run):
             log.warning(
-                "%s: was trained on other data than the row is, or scored otherwise; it is left "
-                "out.",
+                "%s: was trained on other data or in other batches than the row is, or scored "
+                "otherwise; it is left out.",
                 path,
             )
     found = [result for result in results.values() if is_of_row(result, run)]
@@ -102,12 +103,17 @@ def read_measured(folder: Path, run: RowRun) -> Measured | None:
 
 
 def is_of_row(result: Result, run: RowRun) -> bool:
-    """Whether both kinds of data, the protocol and the number of views are those of the row."""
-    learned_from = result.experiment.get("data", {}).get("train")
-    actual = (result.run, learned_from, result.data, result.protocol, result.views)
-    experiment = run.experiment
-    expected = (experiment.name, experiment.data.train, run.scored_on, run.protocol, run.views)
-    return actual == expected
+    """Whether it learned from the row's data in the row's batches and was scored as the row is."""
+    data = result.experiment.get("data", {})
+    batch_size = result.experiment.get("train", {}).get("batch_size")
+    learned_from = (data.get("train"), data.get("references"), batch_size)
+    scored_on = (result.data, result.protocol, result.views)
+    row = run.experiment
+    return (
+        result.run == row.name
+        and learned_from == (row.data.train, row.data.references, row.train.batch_size)
+        and scored_on == (run.scored_on, run.protocol, run.views)
+    )
 
 
 def together(results: Sequence[Result]) -> Measured:
