@@ -20,11 +20,11 @@ from rich.console import Console
 from rich.table import Table
 
 from mvsam.data.catalog import scene_folders
+from mvsam.data.check.report import report_scene
 from mvsam.data.formats import find_format, open_scene
 from mvsam.data.readers.listed import ListedScene
+from mvsam.data.readers.register import register_depth
 from mvsam.data.readers.seven_scenes import COLOR_FROM_DEPTH
-from mvsam.data.register import register_depth
-from mvsam.data.report import report_scene
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.provenance import provenance
 from mvsam.types import Frame

@@ -19,8 +19,8 @@ from rich.table import Table
 
 from mvsam.data.dataset import make_targets, make_views
 from mvsam.data.labels import SCANNET20
-from mvsam.data.name_lists import read_names
 from mvsam.data.readers.single_views import SingleViews
+from mvsam.data.streaming.name_lists import read_names
 from mvsam.evaluation.metrics import ConfusionMatrix
 from mvsam.model import MultiViewSAM
 from mvsam.precision import autocast

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from mvsam.data import open_scene
-from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readers.posed_folder import PosedFolder
 from mvsam.errors import InputError
 from tests.synthetic import camera_pose, write_posed_folder
 

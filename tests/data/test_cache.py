@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mvsam.data.cache import cached_scene
-from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readers.posed_folder import PosedFolder
 from mvsam.errors import InputError
 from tests.synthetic import write_posed_folder
 

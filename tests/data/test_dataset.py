@@ -7,7 +7,7 @@ from torch.utils.data import DataLoader
 
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset, collate, make_targets, make_views
-from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readers.posed_folder import PosedFolder
 from mvsam.data.transforms import (
     area_resize,
     crop_to_shape,

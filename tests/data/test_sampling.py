@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
-from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readers.posed_folder import PosedFolder
 from mvsam.data.sampling import evenly_spaced, rank_sources, view_tuples
 from mvsam.errors import InputError
 from mvsam.types import Frame

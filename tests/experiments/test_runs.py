@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from mvsam.data.dataset import make_targets, make_views
-from mvsam.data.posed_folder import PosedFolder
-from mvsam.data.stream import TrainingSample, collate_training
+from mvsam.data.readers.posed_folder import PosedFolder
+from mvsam.data.streaming.stream import TrainingSample, collate_training
 from mvsam.errors import InputError
 from mvsam.experiments.driver import initial_model
 from mvsam.experiments.runs import BUDGETS, RUNS, find_run

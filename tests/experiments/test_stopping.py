@@ -11,7 +11,7 @@ import torch
 from lightning import LightningModule, Trainer
 from safetensors.torch import load_file
 
-from mvsam.data.stream import SampleStream
+from mvsam.data.streaming.stream import SampleStream
 from mvsam.experiments.stopping import SafeStop
 from mvsam.training.module import TrainingModule
 from tests.experiments.small_run import drive, run, with_singles

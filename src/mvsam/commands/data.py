@@ -14,7 +14,7 @@ from mvsam.commands.shared import Json, Scale, print_json, progress_bar
 from mvsam.errors import InputError, counted
 
 if TYPE_CHECKING:
-    from mvsam.data.report import SceneReport
+    from mvsam.data.check.report import SceneReport
 
 Scenes = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SCENE")]
 
@@ -41,7 +41,7 @@ class Check:
 
     def run(self) -> None:
         from mvsam.data.catalog import open_data
-        from mvsam.data.report import report_scene
+        from mvsam.data.check.report import report_scene
 
         reports = [
             report_scene(scene, self.depth_range)

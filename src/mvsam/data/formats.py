@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from mvsam.data.posed_folder import PosedFolder, is_posed_folder
 from mvsam.data.readers.arkitscenes import is_arkitscenes, open_arkitscenes
 from mvsam.data.readers.colmap import is_colmap, open_colmap
 from mvsam.data.readers.icl_nuim import is_icl_nuim, open_icl_nuim
 from mvsam.data.readers.ios_logger import is_ios_logger, open_ios_logger
 from mvsam.data.readers.nerfstudio import is_nerfstudio, open_nerfstudio
+from mvsam.data.readers.posed_folder import PosedFolder, is_posed_folder
 from mvsam.data.readers.replica import is_replica, open_replica
 from mvsam.data.readers.scannet import (
     is_scannet_folder,
@@ -19,10 +19,10 @@ from mvsam.data.readers.scannet import (
     open_sens,
 )
 from mvsam.data.readers.seven_scenes import is_seven_scenes, open_seven_scenes
+from mvsam.data.readers.structure import photo_folder, pose_photos
 from mvsam.data.readers.tum import is_tum, open_tum
+from mvsam.data.readers.video import VIDEO_SUFFIXES
 from mvsam.data.scaled import ScaledScene, in_metres, parse_scale
-from mvsam.data.structure import photo_folder, pose_photos
-from mvsam.data.video import VIDEO_SUFFIXES
 from mvsam.errors import InputError
 from mvsam.types import Scene
 

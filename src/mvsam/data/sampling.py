@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mvsam.data.check.poses import pose_convention_hint
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.keyframes import keyframes
-from mvsam.data.pose_check import pose_convention_hint
 from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mvsam.data.catalog import open_data
 from mvsam.data.labels import SCANNET20, ClassTable
-from mvsam.data.mixture import parse_sources
-from mvsam.data.stream import DataConfig
+from mvsam.data.streaming.mixture import parse_sources
+from mvsam.data.streaming.stream import DataConfig
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment
 from mvsam.types import Model

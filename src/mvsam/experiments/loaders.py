@@ -9,7 +9,7 @@ from torch.utils.data import DataLoader
 
 from mvsam.data.catalog import is_rooms, open_data
 from mvsam.data.dataset import TupleDataset, collate
-from mvsam.data.stream import Onward, SampleStream, collate_training
+from mvsam.data.streaming.stream import Onward, SampleStream, collate_training
 from mvsam.data.view_rules import RULES, prescribe
 from mvsam.experiments.config import Experiment
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from torch import nn
 
-from mvsam.data.checks import check_intrinsics, check_pose
+from mvsam.data.camera_checks import check_intrinsics, check_pose
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, estimate_depth_range
 from mvsam.errors import InputError, counted
 from mvsam.inference.outputs import PhotoPrediction

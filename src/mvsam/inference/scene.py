@@ -9,9 +9,9 @@ from typing import Any
 
 from torch import nn
 
+from mvsam.data.check.report import camera_warning
 from mvsam.data.depth_range import DepthRangeOrAuto
 from mvsam.data.labels import SCANNET20, ClassTable
-from mvsam.data.report import camera_warning
 from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import Scores

@@ -11,7 +11,7 @@ from mvsam.apps.tables.contents import lines_of
 from mvsam.apps.tables.figure import draw_bars
 from mvsam.apps.tables.grid import PictureRow, Pictures, collect, draw_grid
 from mvsam.data.dataset import make_targets, make_views
-from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readers.posed_folder import PosedFolder
 from mvsam.errors import InputError
 from mvsam.experiments.row_training import Folders
 from mvsam.experiments.runs import BUDGETS

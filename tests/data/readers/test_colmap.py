@@ -65,7 +65,7 @@ def test_its_points_come_in_the_unit_of_the_poses(tmp_path):
 
 
 def test_a_lens_is_taken_away_as_our_own_formula_does(tmp_path):
-    from mvsam.data.undistort import Distortion, undistort
+    from mvsam.data.readers.undistort import Distortion, undistort
 
     truth = write_colmap(tmp_path, "RADIAL", (-0.2, 0.05))
     frame = open_scene(tmp_path).frame(0)

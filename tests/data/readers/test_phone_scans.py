@@ -10,7 +10,7 @@ from mvsam.data.formats import open_scene
 from mvsam.errors import InputError
 from mvsam.types import Frame
 from tests.data.readers.layouts import write_arkitscenes, write_icl, write_ios_logger
-from tests.data.test_structure import write_video
+from tests.data.readers.test_structure import write_video
 from tests.synthetic import synthetic_views
 
 

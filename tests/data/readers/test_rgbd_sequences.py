@@ -8,7 +8,7 @@ from PIL import Image
 
 from mvsam.data.formats import open_scene
 from mvsam.data.readers import seven_scenes
-from mvsam.data.register import register_depth
+from mvsam.data.readers.register import register_depth
 from mvsam.errors import InputError
 from mvsam.geometry.pose import pose_from_quaternion, pose_from_rotation_vector
 from tests.synthetic import depth_of, write_posed_folder

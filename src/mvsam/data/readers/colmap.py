@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mvsam.data.checks import check_pose
+from mvsam.data.camera_checks import check_pose
 from mvsam.data.files import check_map, check_photo, is_file, load_depth, load_photo
 from mvsam.data.readers.colmap_binary import check_binary_model
 from mvsam.data.readers.colmap_scale import metres_a_unit
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
+from mvsam.data.readers.undistort import undistort
 from mvsam.data.scaled import ScaledScene
-from mvsam.data.undistort import undistort
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.types import Frame, Scene
 

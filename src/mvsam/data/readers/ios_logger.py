@@ -16,8 +16,8 @@ from mvsam.data.files import check_photo, load_photo
 from mvsam.data.keyframes import keyframes
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, numbered_files
 from mvsam.data.readers.trajectory import Trajectory, read_trajectory, text_lines, time_stamp
+from mvsam.data.readers.video import extract_frames
 from mvsam.data.transforms import resize_intrinsics
-from mvsam.data.video import extract_frames
 from mvsam.errors import InputError, counted
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL, pose_from_quaternion
 from mvsam.types import Frame

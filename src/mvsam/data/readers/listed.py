@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mvsam.data.checks import check_intrinsics, check_pose
+from mvsam.data.camera_checks import check_intrinsics, check_pose
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.errors import InputError
 from mvsam.types import Frame

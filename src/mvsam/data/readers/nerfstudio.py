@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from mvsam.data.checks import check_depth_scale, check_pose
+from mvsam.data.camera_checks import check_depth_scale, check_pose
 from mvsam.data.files import check_map, check_photo, is_file, load_depth, load_labels, load_photo
-from mvsam.data.posed_folder import read_classes
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics, file_inside
-from mvsam.data.undistort import Distortion, undistort
+from mvsam.data.readers.posed_folder import read_classes
+from mvsam.data.readers.undistort import Distortion, undistort
 from mvsam.errors import InputError, counted
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import IGNORE, Frame

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mvsam.data.checks import check_depth_scale
+from mvsam.data.camera_checks import check_depth_scale
 from mvsam.data.files import check_map, check_photo, load_photo, load_pixels
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics
 from mvsam.errors import InputError, counted

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 from PIL import Image
 
-from mvsam.data.checks import check_depth_scale
-from mvsam.data.register import read_at_pixels
+from mvsam.data.camera_checks import check_depth_scale
+from mvsam.data.readers.register import read_at_pixels
 from mvsam.errors import InputError, counted
 from mvsam.types import Frame
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from mvsam.data.files import check_map, check_photo, load_matrix, load_photo, load_pixels
 from mvsam.data.readers.listed import ListedScene, checked, corner_intrinsics
-from mvsam.data.register import register_depth
+from mvsam.data.readers.register import register_depth
 from mvsam.errors import InputError
 from mvsam.geometry.depth_map import from_millimetres
 from mvsam.geometry.pose import pose_from_rotation_vector

@@ -12,8 +12,8 @@ from typing import overload
 import numpy as np
 
 from mvsam.data.files import check_photo, load_depth, load_labels, load_photo
-from mvsam.data.posed_folder import list_maps, list_photos, read_classes, read_intrinsics
 from mvsam.data.readers.listed import ListedScene
+from mvsam.data.readers.posed_folder import list_maps, list_photos, read_classes, read_intrinsics
 from mvsam.errors import InputError, counted
 from mvsam.types import Frame, Scene
 

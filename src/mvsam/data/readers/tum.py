@@ -23,7 +23,7 @@ from mvsam.data.readers.trajectory import (
     time_stamp,
     tum_pose,
 )
-from mvsam.data.undistort import Distortion, undistort
+from mvsam.data.readers.undistort import Distortion, undistort
 from mvsam.errors import InputError
 from mvsam.types import Frame
 

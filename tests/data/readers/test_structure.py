@@ -8,10 +8,10 @@ import pytest
 from PIL import Image
 
 from mvsam import weights
-from mvsam.data import structure
 from mvsam.data.catalog import open_data
 from mvsam.data.formats import open_scene
-from mvsam.data.video import extract_frames, thinned_frames
+from mvsam.data.readers import structure
+from mvsam.data.readers.video import extract_frames, thinned_frames
 from mvsam.errors import InputError
 from tests.synthetic import synthetic_views
 

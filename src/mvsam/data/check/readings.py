@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvsam.data.pose_check import AS_GIVEN, READINGS
-from mvsam.data.registration_check import BESIDE
+from mvsam.data.check.poses import AS_GIVEN, READINGS
+from mvsam.data.check.registration import BESIDE
 
 PoseChange = Callable[[np.ndarray], np.ndarray]
 

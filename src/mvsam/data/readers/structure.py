@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from mvsam.data.files import check_photo
-from mvsam.data.posed_folder import PHOTO_SUFFIXES
 from mvsam.data.readers.colmap import import_pycolmap, is_colmap
-from mvsam.data.video import VIDEO_SUFFIXES, thinned_frames
+from mvsam.data.readers.posed_folder import PHOTO_SUFFIXES
+from mvsam.data.readers.video import VIDEO_SUFFIXES, thinned_frames
 from mvsam.errors import InputError, counted
 from mvsam.files import writable_folder
 

@@ -11,7 +11,13 @@ from torch.utils.data import DataLoader
 
 from mvsam.data.dataset import make_views
 from mvsam.data.readers.single_views import SingleViews
-from mvsam.data.stream import DataConfig, Onward, SampleStream, TrainingSample, collate_training
+from mvsam.data.streaming.stream import (
+    DataConfig,
+    Onward,
+    SampleStream,
+    TrainingSample,
+    collate_training,
+)
 from mvsam.errors import InputError
 from mvsam.types import Targets, Views
 from tests.synthetic import write_posed_folder

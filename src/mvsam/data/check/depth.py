@@ -11,9 +11,8 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
-from mvsam.data.pose_check import AS_GIVEN, MAXIMUM_FRAMES
-from mvsam.data.readings import (
+from mvsam.data.check.poses import AS_GIVEN, MAXIMUM_FRAMES
+from mvsam.data.check.readings import (
     ALL_READINGS,
     GIVEN,
     IN_ANOTHER_UNIT,
@@ -21,7 +20,8 @@ from mvsam.data.readings import (
     UNREGISTERED,
     Reading,
 )
-from mvsam.data.registration_check import is_unregistered
+from mvsam.data.check.registration import is_unregistered
+from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.transforms import resize_intrinsics, resize_nearest
 from mvsam.errors import counted
 from mvsam.types import Frame

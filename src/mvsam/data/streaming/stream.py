@@ -10,22 +10,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch.utils.data import Dataset, Sampler
 
-from mvsam.data.augment import (
+from mvsam.data.catalog import is_rooms, open_data
+from mvsam.data.dataset import collate, make_targets, make_views
+from mvsam.data.lazy import changed
+from mvsam.data.readers.single_views import SingleViews
+from mvsam.data.sampling import view_tuples
+from mvsam.data.scaled import parse_scale
+from mvsam.data.streaming.augment import (
     as_if_estimated,
     jitter_colors,
     mirrored,
     random_part,
     with_pose_noise,
 )
-from mvsam.data.catalog import is_rooms, open_data
-from mvsam.data.dataset import collate, make_targets, make_views
-from mvsam.data.lazy import changed
-from mvsam.data.mixture import Mixture, parse_sources
-from mvsam.data.name_lists import read_names
-from mvsam.data.readers.single_views import SingleViews
-from mvsam.data.sampling import view_tuples
-from mvsam.data.scaled import parse_scale
-from mvsam.data.shards import ShardedScene
+from mvsam.data.streaming.mixture import Mixture, parse_sources
+from mvsam.data.streaming.name_lists import read_names
+from mvsam.data.streaming.shards import ShardedScene
 from mvsam.data.transforms import crop_to_shape
 from mvsam.data.view_rules import prescribe
 from mvsam.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvsam.data.undistort import Distortion, undistort
+from mvsam.data.readers.undistort import Distortion, undistort
 
 INTRINSICS = np.array([[60.0, 0, 40], [0, 62.0, 30], [0, 0, 1]])
 BROWN = Distortion("brown", (-0.25, 0.06), (0.002, -0.003))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvsam.data.depth_check import Verdict, depth_verdict
+from mvsam.data.check.depth import Verdict, depth_verdict
+from mvsam.data.check.poses import pose_convention_hint
 from mvsam.data.labels import SCANNET20
-from mvsam.data.pose_check import pose_convention_hint
 from mvsam.types import IGNORE, Frame, Scene
 
 DepthRange = tuple[float, float]

@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from mvsam.data.depth_check import depth_verdict
-from mvsam.data.posed_folder import PosedFolder
-from mvsam.data.readings import HALF_SIZE
-from mvsam.data.report import report_scene
+from mvsam.data.check.depth import depth_verdict
+from mvsam.data.check.readings import HALF_SIZE
+from mvsam.data.check.report import report_scene
+from mvsam.data.readers.posed_folder import PosedFolder
 from mvsam.types import Frame
 from tests.synthetic import camera_intrinsics, camera_pose, render, write_posed_folder
 

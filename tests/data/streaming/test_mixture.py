@@ -2,7 +2,7 @@
 
 import pytest
 
-from mvsam.data.mixture import Mixture, Source, parse_sources
+from mvsam.data.streaming.mixture import Mixture, Source, parse_sources
 from mvsam.errors import InputError
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from mvsam.data.checks import check_intrinsics, check_pose
+from mvsam.data.camera_checks import check_intrinsics, check_pose
 from mvsam.data.files import (
     Size,
     check_map,

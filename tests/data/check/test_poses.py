@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mvsam.data.pose_check import pose_convention_hint
-from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.check.poses import pose_convention_hint
+from mvsam.data.readers.posed_folder import PosedFolder
 from mvsam.data.sampling import view_tuples
 from mvsam.errors import InputError
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
@@ -143,5 +143,5 @@ def test_photos_that_match_under_no_reading_accuse_no_convention(folder, monkeyp
     def badly(frames, pairs, readings, depth_range):
         return {reading: 0.4 - 0.1 * (reading == "as given") for reading in readings}
 
-    monkeypatch.setattr("mvsam.data.pose_check._likeness_by_reading", badly)
+    monkeypatch.setattr("mvsam.data.check.poses._likeness_by_reading", badly)
     assert pose_convention_hint(frames_of(folder)) is None

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from mvsam.data.name_lists import NAME_LISTS, read_names
+from mvsam.data.streaming.name_lists import NAME_LISTS, read_names
 from mvsam.errors import InputError
 
 

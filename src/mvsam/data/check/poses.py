@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from mvsam.data.check.likeness import THUMBNAIL, Grey, grey_thumbnail, likeness
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
-from mvsam.data.likeness import THUMBNAIL, Grey, grey_thumbnail, likeness
 from mvsam.data.transforms import resize_intrinsics
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import Frame

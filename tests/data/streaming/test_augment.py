@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from mvsam.data.augment import (
+from mvsam.data.streaming.augment import (
     as_if_estimated,
     jitter_colors,
     mirrored,

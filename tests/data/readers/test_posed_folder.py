@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mvsam.data.posed_folder import PosedFolder
+from mvsam.data.readers.posed_folder import PosedFolder
 from tests.synthetic import depth_of, labels_of, write_posed_folder
 
 

@@ -6,10 +6,10 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from mvsam.data import shards
 from mvsam.data.dataset import make_targets, make_views
-from mvsam.data.posed_folder import PosedFolder
-from mvsam.data.shards import ShardedScene
+from mvsam.data.readers.posed_folder import PosedFolder
+from mvsam.data.streaming import shards
+from mvsam.data.streaming.shards import ShardedScene
 from mvsam.data.transforms import crop_to_shape
 from mvsam.data.view_rules import PrescribedScene
 from tests.synthetic import write_posed_folder
