@@ -67,6 +67,7 @@ _MIXED = (
 """Rooms as they are photographed casually, with wide steps, and around one thing; 5,001 that no
 earlier stage saw."""
 _JOINT = "runs/tiny_joint/model.safetensors"
+_SEMANTIC = "runs/tiny_semantic_full/model.safetensors"
 
 
 _RUNS = (
@@ -89,6 +90,16 @@ _RUNS = (
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=3e-4, steps=2600, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, seed=11, val_every=650, checkpoint_every=100),
+    ),
+    Experiment(
+        name="tiny_labels",
+        about="Third stage of `tiny`: the same without class weights, which made rare classes win "
+        "where they are unlikely. Fifteen minutes of a core.",
+        model=ModelConfig("tiny_semantic", init=("tiny", _SEMANTIC)),
+        data=replace(_SINGLE, train="rooms:train:0-7500", prompt_noise=0.1),
+        loss=JointLoss(),
+        optimizer=OptimizerConfig(lr=2e-4, steps=500, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(batch_size=8, seed=13, val_every=250, checkpoint_every=100),
     ),
     Experiment(
         name="tiny",
