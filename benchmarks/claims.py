@@ -31,7 +31,8 @@ is in [reproduce.md](reproduce.md#the-papers-tables).
 
 ## The paper's claims
 
-A difference counts where it exceeds the standard deviation between seeds of both rows together.
+A difference counts where it exceeds the standard deviation between seeds of both rows together; a
+row with one seed is taken to scatter as the other does.
 What those that do not hold may be due to, and an experiment towards each: [claims](claims.md).
 """
     return "\n".join([head, claims_table(verdicts), "## Tables\n", "\n".join(tables)])

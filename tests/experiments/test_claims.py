@@ -56,10 +56,12 @@ def test_one_seed_is_said_to_be_one(tmp_path: Path):
     assert judge(SAM_HELPS, ROOMS, tmp_path).text == text
 
 
-def test_one_row_with_seeds_gives_no_spread_of_the_difference(tmp_path: Path):
+def test_a_row_with_one_seed_is_taken_to_scatter_as_the_other(tmp_path: Path):
     write(tmp_path, mvs_sam=[0.1, 0.2, 0.3], cas_mvsnet=[0.25])
     verdict = judge(SAM_HELPS, ROOMS, tmp_path)
-    assert verdict.spread is None and verdict.text == "holds, with one seed of cas_mvsnet"
+    assert verdict.spread == pytest.approx(0.1 * 2**0.5) and verdict.text.startswith("undecided")
+    write(tmp_path, cas_mvsnet=[0.5])
+    assert judge(SAM_HELPS, ROOMS, tmp_path).text == "holds, with one seed of cas_mvsnet"
 
 
 def test_rows_of_too_few_pictures_leave_a_claim_open(tmp_path: Path):

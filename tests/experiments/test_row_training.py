@@ -190,9 +190,10 @@ def test_results_of_fewer_steps_are_not_enough(job: Job, folders: Folders):
     assert is_done(job, folders)
     path.write_text(json.dumps(replace(page, steps=2, data="rooms:test:0-1").__dict__))
     assert not is_done(job, folders), "the row is scored on other data by now"
-    data = {"train": "rooms:train:0-1"}
-    path.write_text(json.dumps(replace(page, steps=2, experiment={"data": data}).__dict__))
-    assert not is_done(job, folders), "the row is trained on other data by now"
+    for part, setting in (("data", "train"), ("data", "references"), ("train", "batch_size")):
+        other = {**page.experiment, part: {**page.experiment[part], setting: "another"}}
+        path.write_text(json.dumps(replace(page, steps=2, experiment=other).__dict__))
+        assert not is_done(job, folders), f"{setting} of the row is another by now"
 
 
 def test_a_row_that_another_begins_with_is_done_while_its_weights_are_there(

@@ -46,8 +46,8 @@ class Verdict:
     measured: float | None = None
     """None where a row is missing or had too few pictures."""
     spread: float | None = None
-    """Standard deviation of that difference between two single runs; None where a row has one seed.
-    """
+    """Standard deviation of that difference between two single runs, a row with one seed taken to
+    scatter as the other does; None where both have one."""
     single: tuple[str, ...] = ()
     """Rows with one seed."""
     obstacle: str = ""
@@ -85,7 +85,7 @@ def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
         claim,
         published,
         _gain(claim, better, worse),
-        spread=hypot(*known) if len(known) == len(deviations) else None,
+        spread=hypot(known[0], known[-1]) if known else None,
         single=tuple(
             name
             for name, deviation in zip((claim.better, claim.worse), deviations, strict=True)

@@ -112,10 +112,9 @@ def heading(table: Table, budget: Budget, lines: list[Line]) -> list[str]:
             "figures with each other, not with published ones."
         )
         sentences.append(
-            f"Full budget: {run.enough:,} pictures, after which losses still fall; of several "
-            "views four rooms a step with three references each, of one view twelve rooms. Rows "
-            "with SAM begin with the encoder of `tiny`, which has learned depth and these classes "
-            "from other rooms, the rest from nothing."
+            f"Full budget: {run.enough:,} pictures, twelve rooms a step, after which losses still "
+            "fall. Rows with SAM begin with the encoder of `tiny`, which has learned depth and "
+            "these classes from other rooms, the rest from nothing."
         )
     device = next((line.speed.device for line in lines if line.speed), None)
     if device is not None:
