@@ -45,7 +45,9 @@ def intrinsics(dice: Dice, width: int, height: int) -> Float[np.ndarray, "3 3"]:
     )
 
 
-def look(position: np.ndarray, yaw_deg: Number, pitch_deg: Number, roll_deg: Number) -> np.ndarray:
+def pose_from_angles(
+    position: np.ndarray, yaw_deg: Number, pitch_deg: Number, roll_deg: Number
+) -> np.ndarray:
     """world_from_cam: yaw about z from the x axis, positive pitch looks up."""
     forward_x = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], dtype=np.float64)
     tilt = rotation_about("y", -pitch_deg)
@@ -72,7 +74,7 @@ def _sphere(count: int = 66) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Manner:
+class PathStyle:
     """How somebody takes the photos of a room."""
 
     around: float
@@ -89,39 +91,39 @@ class Manner:
     """Attempts until any short path will do."""
 
 
-CASUAL = Manner(around=0.24)
+CASUAL = PathStyle(around=0.24)
 """Most photos are 2-60 cm apart and turn a little; some go around one thing, in steps of about 45
 degrees and 1.2 m at most, as people photograph a piece of furniture."""
-WIDE = Manner(around=0.5, turn_deg=(10, 35))
+WIDE = PathStyle(around=0.5, turn_deg=(10, 35))
 """As photos do that share little."""
-AROUND = Manner(around=1.0, step_deg=(20, 70), arc_deg=200, plain_costs=0.3, patience=400)
+AROUND = PathStyle(around=1.0, step_deg=(20, 70), arc_deg=200, plain_costs=0.3, patience=400)
 """Nearly all around one thing, in wide steps, often with nothing but floor about it."""
 
 
 def camera_path(
-    room: Room, dice: Dice, num_frames: int, width: int, height: int, manner: Manner = CASUAL
+    room: Room, dice: Dice, num_frames: int, width: int, height: int, style: PathStyle = CASUAL
 ) -> list[Camera]:
     """Poses of neighbouring views, never near a surface."""
     lens = intrinsics(dice, width, height)
     best, best_score = None, -np.inf
     wanted = _rare_point(room, dice) if dice.chance(0.85) else None
     pace = _pace(dice)
-    goes_around = wanted is not None and dice.chance(manner.around)
-    step_deg = dice.uniform(*manner.step_deg) if goes_around else None
+    goes_around = wanted is not None and dice.chance(style.around)
+    step_deg = dice.uniform(*style.step_deg) if goes_around else None
     turn = None
-    if manner.turn_deg is not None:
-        turn = dice.uniform(*manner.turn_deg) * dice.pick([-1, 1])
+    if style.turn_deg is not None:
+        turn = dice.uniform(*style.turn_deg) * dice.pick([-1, 1])
     for attempt in range(_ATTEMPTS):
-        crowded = attempt > manner.patience
+        crowded = attempt > style.patience
         target, scale = (None, 0.4) if crowded else (wanted, max(pace * 0.996**attempt, 0.4))
         if step_deg is not None and wanted is not None and not crowded:
-            step = min(step_deg * 0.99**attempt, manner.arc_deg / max(num_frames - 1, 1))
+            step = min(step_deg * 0.99**attempt, style.arc_deg / max(num_frames - 1, 1))
             poses = _walk_around(room, dice, num_frames, wanted, step)
         else:
             poses = _wander(room, dice, num_frames, target, scale, turn)
         if poses is None:
             continue
-        score = _interest(room, Camera(lens, poses[num_frames // 2], width, height), manner)
+        score = _interest(room, Camera(lens, poses[num_frames // 2], width, height), style)
         score += dice.uniform(0, 0.4)
         if score > best_score:
             best, best_score = poses, score
@@ -167,7 +169,7 @@ def _wander(room: Room, dice: Dice, num_frames: int, wanted, scale: Number, turn
     direction = np.array([np.cos(heading), np.sin(heading), dice.uniform(-0.3, 0.3)])
     direction *= scale / np.linalg.norm(direction)
     turn = dice.uniform(-4, 4) if turn is None else turn
-    pivot = start + distance * look(start, yaw, pitch, 0)[:3, 2]
+    pivot = start + distance * pose_from_angles(start, yaw, pitch, 0)[:3, 2]
     attention = dice.uniform(0.3, 1)  # 0: looks straight on while walking, 1: at the same thing
     positions, angles = [start], [(yaw, pitch, roll)]
     for _ in range(num_frames - 1):
@@ -208,7 +210,7 @@ def _free_poses(room: Room, positions: list[np.ndarray], angles: list[tuple]):
     places = np.array(positions)
     if not room.contains(places).all() or (clearance(room, places) < CLEARANCE).any():
         return None
-    return [look(p, *a) for p, a in zip(positions, angles, strict=True)]
+    return [pose_from_angles(p, *a) for p, a in zip(positions, angles, strict=True)]
 
 
 def _bearing(offset: np.ndarray) -> np.ndarray:
@@ -223,7 +225,7 @@ def _stand(room: Room, dice: Dice) -> np.ndarray:
     return np.array([x, y, dice.uniform(1.05, 1.75)])
 
 
-def _interest(room: Room, camera: Camera, manner: Manner) -> float:
+def _interest(room: Room, camera: Camera, style: PathStyle) -> float:
     """How much there is to see: many classes, at arm's length to a few metres."""
     column, row = np.meshgrid((np.arange(20) + 0.5) / 20, (np.arange(16) + 0.5) / 16)
     pixels = np.stack([column.ravel() * camera.width, row.ravel() * camera.height])
@@ -234,4 +236,4 @@ def _interest(room: Room, camera: Camera, manner: Manner) -> float:
     near = (hits.distance < 0.7).mean() + max(0.0, (hits.distance > 5).mean() - 0.1)
     plain = max(0.0, share[:2].sum() - 0.45) + max(0.0, share[CLUTTER] - 0.2)
     breadth = min(float(np.median(hits.distance)), 2.4)
-    return float(0.35 * seen - 3 * near - manner.plain_costs * plain + 0.35 * breadth)
+    return float(0.35 * seen - 3 * near - style.plain_costs * plain + 0.35 * breadth)

@@ -24,7 +24,7 @@ one share little, most of the other go around one thing in wide steps, half in a
 VERSION = 4
 """Grows whenever a change alters a pixel, so that no cache serves rooms of another version."""
 _SPLIT_KEYS = {"train": 101, "val": 202, "test": 303, "wide": 404, "around": 505}
-_MANNERS = {"wide": WIDE, "around": AROUND}
+_STYLES = {"wide": WIDE, "around": AROUND}
 
 
 class RoomScene:
@@ -59,8 +59,8 @@ class RoomScene:
 
     @cached_property
     def cameras(self) -> list[Camera]:
-        size, manner = (self._width, self._height), _MANNERS.get(self.split, CASUAL)
-        return camera_path(self.room, self._dice(1), len(self), *size, manner)
+        size, style = (self._width, self._height), _STYLES.get(self.split, CASUAL)
+        return camera_path(self.room, self._dice(1), len(self), *size, style)
 
     def frame(self, index: int) -> Frame:
         if not 0 <= index < len(self):
