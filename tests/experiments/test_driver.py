@@ -58,7 +58,12 @@ def test_a_killed_and_resumed_run_ends_with_the_weights_of_one_never_killed(
     assert torch.load(tmp_path / "last.ckpt", weights_only=True)["global_step"] == 4
     half_way = read_tensors(tmp_path / "last.ckpt")
     assert not (tmp_path / "model.safetensors").exists()
+    page = tmp_path / "experiment.json"
+    page.write_text(
+        page.read_text().replace('"began_with": "random"', '"began_with": "tiny of old"')
+    )
     resumed = load_file(run(tmp_path, data))
+    assert read_info(tmp_path / "model.json").training["began_with"] == "tiny of old"
     expected = load_file(finished / "model.safetensors")
     assert resumed.keys() == expected.keys()
     assert all(torch.equal(resumed[key], expected[key]) for key in expected)

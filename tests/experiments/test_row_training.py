@@ -9,14 +9,13 @@ import torch
 
 from mvsam.errors import InputError
 from mvsam.experiments.config import ModelConfig
-from mvsam.experiments.driver import LAST, initial_model
+from mvsam.experiments.driver import LAST, first_weights, initial_model
 from mvsam.experiments.results import read_result, result_path
 from mvsam.experiments.row_training import (
     Folders,
     Job,
     check_beginning,
     claim,
-    first_weights,
     is_done,
     jobs_of,
     train_and_score,
@@ -24,6 +23,7 @@ from mvsam.experiments.row_training import (
 )
 from mvsam.experiments.rows import RowRun
 from mvsam.experiments.runs import BUDGETS
+from mvsam.provenance import commit
 from mvsam.weights import load, read_info, save
 from tests.experiments.made_up import result_of
 from tests.experiments.small_run import small_experiment
@@ -65,7 +65,7 @@ def test_a_row_is_trained_scored_and_then_done(job: Job, folders: Folders):
     assert result.scores["rel"] > 0 and result.scores["miou"] is None
     assert "scenes" not in result.scores
     assert result.train_seconds is not None and result.train_seconds > 0
-    assert result.experiment["train"]["seed"] == 1
+    assert result.experiment["train"]["seed"] == 1 and result.trained_at == commit()
     assert seen == [(done, 5) for done in range(1, 6)]
     assert not (folders.runs / "small-1" / LAST).exists()
 
@@ -84,6 +84,15 @@ def test_a_row_whose_scoring_was_interrupted_is_scored_without_training(
     path.unlink()
     monkeypatch.setattr("mvsam.experiments.row_training.train", never)
     assert read_result(train_and_score(job, folders)).scores == before
+
+
+def test_weights_of_other_batches_are_not_taken_for_those_of_the_row(job: Job, folders: Folders):
+    train_and_score(job, folders, shows_training=False).unlink()
+    experiment = job.run.experiment
+    experiment = replace(experiment, train=replace(experiment.train, batch_size=4))
+    changed = replace(job, run=replace(job.run, experiment=experiment))
+    with pytest.raises(InputError, match="in other batches .* remove or rename that folder"):
+        train_and_score(changed, folders)
 
 
 def test_a_row_that_another_process_is_at_is_left_to_it(job: Job, folders: Folders):

@@ -96,6 +96,11 @@ def _classes_in(name: str, data: DataConfig) -> ClassTable:
     return getattr(open_data(name, **data.of_scans(name))[0], "classes", SCANNET20)
 
 
+def recorded_beginning(page: Path) -> str | None:
+    """What a run's page says it began with; None where it does not say."""
+    return json.loads(page.read_text()).get("began_with") if page.exists() else None
+
+
 def warn_of_changes(experiment: Experiment, page: Path) -> None:
     """Says which settings differ from those the run began with."""
     if not page.exists():

@@ -49,7 +49,7 @@ class ModelConfig:
         return tuple(path for path in given if path)
 
     def without_files(self) -> "ModelConfig":
-        """The same model, to be given weights that hold all of it."""
+        """The same model, to be given weights that hold all of it; ImageNet's stay asked for."""
         return replace(self, init=(), semantic_encoder=None, sam_checkpoint=None)
 
 
@@ -70,10 +70,10 @@ class Experiment:
         """What JSON makes of it: tuples become lists."""
         return json.loads(json.dumps(record_of(self)))
 
-    def save(self, path: Path, classes: ClassTable) -> None:
-        """As JSON, with the classes it learns, and the command, commit and versions."""
+    def save(self, path: Path, classes: ClassTable, began_with: str) -> None:
+        """As JSON, with its classes, its first weights, the command, commit and versions."""
         names = {"classes": classes.names, "palette": classes.colors}
-        record = {**record_of(self), **names, **provenance()}
+        record = {**record_of(self), **names, "began_with": began_with, **provenance()}
         write_json(path, record)
 
 

@@ -15,7 +15,13 @@ from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.encoders.attention import use_plain_attention
 from mvsam.encoders.sam import cache_frozen_features
 from mvsam.errors import InputError
-from mvsam.experiments.checks import check_model, check_settings, classes_of, warn_of_changes
+from mvsam.experiments.checks import (
+    check_model,
+    check_settings,
+    classes_of,
+    recorded_beginning,
+    warn_of_changes,
+)
 from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.loaders import ExperimentData
 from mvsam.experiments.pictures import ValidationPictures
@@ -73,8 +79,9 @@ def train(
     if last is not None:
         warn_of_changes(experiment, folder / RUN_PAGE)
     model = _model_of_run(experiment, device, is_resumed=last is not None)
-    began_with = first_weights(experiment.model, model.backbone_weights)
-    rank_zero_only(experiment.save)(folder / RUN_PAGE, classes)
+    began_with = recorded_beginning(folder / RUN_PAGE) if last is not None else None
+    began_with = began_with or first_weights(experiment.model, model.backbone_weights)
+    rank_zero_only(experiment.save)(folder / RUN_PAGE, classes, began_with)
 
     module = _training_module(experiment, model)
     data = ExperimentData(experiment, num_processes)
@@ -128,7 +135,8 @@ def _checkpoint_to_resume(folder: Path) -> Path | None:
 def _model_of_run(experiment: Experiment, device: str, is_resumed: bool) -> Model:
     """What is trained; InputError where it does not fit the data.
 
-    A checkpoint holds every weight: the files a resumed run began with need not exist any more.
+    A checkpoint holds every weight: the files a resumed run began with need not exist any more, but
+    for ImageNet's, whose layers a model may treat otherwise.
     """
     config = experiment.model.without_files() if is_resumed else experiment.model
     model = initial_model(config, device)

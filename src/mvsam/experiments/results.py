@@ -9,6 +9,7 @@ from statistics import mean, stdev
 from typing import Any
 
 from mvsam.errors import InputError
+from mvsam.experiments.config import Experiment
 from mvsam.experiments.rows import RowRun
 from mvsam.experiments.tables import METRICS
 from mvsam.files import write_json
@@ -34,9 +35,11 @@ class Result:
     scores: dict[str, Any]
     """As `mvsam eval --json`, without the single scenes."""
     train_seconds: float | None = None
-    """None where training was interrupted."""
+    """None where training was interrupted, or done before."""
+    trained_at: str | None = None
+    """Commit of the training; the file's own commit is that of the scoring."""
     experiment: dict[str, Any] = field(default_factory=dict)
-    """Every setting."""
+    """Every setting, as it was trained."""
 
 
 def result_path(folder: Path, run: str, seed: int) -> Path:
@@ -54,7 +57,8 @@ def read_result(path: Path) -> Result:
     """InputError where the file is none of ours."""
     try:
         content = json.loads(path.read_text())
-        result = Result(**{name: content[name] for name in Result.__dataclass_fields__})
+        names = Result.__dataclass_fields__
+        result = Result(**{name: content[name] for name in names if name in content})
         if set(METRICS) - set(result.scores):
             raise KeyError("scores")
         return result
@@ -104,16 +108,17 @@ def read_measured(folder: Path, run: RowRun) -> Measured | None:
 
 def is_of_row(result: Result, run: RowRun) -> bool:
     """Whether it learned from the row's data in the row's batches and was scored as the row is."""
-    data = result.experiment.get("data", {})
-    batch_size = result.experiment.get("train", {}).get("batch_size")
-    learned_from = (data.get("train"), data.get("references"), batch_size)
-    scored_on = (result.data, result.protocol, result.views)
-    row = run.experiment
-    return (
-        result.run == row.name
-        and learned_from == (row.data.train, row.data.references, row.train.batch_size)
-        and scored_on == (run.scored_on, run.protocol, run.views)
-    )
+    scored_on = (result.run, result.data, result.protocol, result.views)
+    expected = (run.experiment.name, run.scored_on, run.protocol, run.views)
+    return scored_on == expected and is_trained_as(result.experiment, run.experiment)
+
+
+def is_trained_as(recorded: dict[str, Any], experiment: Experiment) -> bool:
+    """Whether recorded settings say the same data and the same batches."""
+    data, train = recorded.get("data", {}), recorded.get("train", {})
+    learned_from = (data.get("train"), data.get("references"), train.get("batch_size"))
+    wanted = experiment.data
+    return learned_from == (wanted.train, wanted.references, experiment.train.batch_size)
 
 
 def together(results: Sequence[Result]) -> Measured:

@@ -15,17 +15,18 @@ from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import evaluate
 from mvsam.evaluation.protocols import PROTOCOLS
 from mvsam.experiments.config import Experiment, ModelConfig
-from mvsam.experiments.driver import LAST, WEIGHTS, device_of, first_weights, train
+from mvsam.experiments.driver import LAST, WEIGHTS, device_of, train
 from mvsam.experiments.results import (
     Result,
     is_of_row,
+    is_trained_as,
     read_result,
     result_path,
     write_result,
 )
 from mvsam.experiments.rows import RowRun, pictures_of
 from mvsam.experiments.runs import RUNS
-from mvsam.weights import load, read_info
+from mvsam.weights import RUN_PAGE, load, read_info
 
 Progress = Callable[[int, int], None]
 """Called with the number of photos scored so far, and of all."""
@@ -125,14 +126,14 @@ def train_and_score(
     check_beginning(job.experiment.model)
     weights, seconds = folders.weights(job.run, job.seed), None
     folder = weights.parent
+    _check_leftover(folder / RUN_PAGE, job)
     if not _is_trained(weights, job.steps):
         was_begun, start = (folder / LAST).exists(), time.perf_counter()
         train(job.experiment, folder, accelerator=job.accelerator, progress=shows_training)
         seconds = None if was_begun else time.perf_counter() - start
         (folder / LAST).unlink(missing_ok=True)  # three times the weights, and never needed again
     scores = score(weights, job, progress)
-    result = _result(job, read_info(weights.with_suffix(".json")).training, scores, seconds)
-    return write_result(folders.results, result)
+    return write_result(folders.results, _result(job, weights, scores, seconds))
 
 
 def train_jobs(
@@ -171,11 +172,20 @@ def check_beginning(config: ModelConfig) -> None:
         raise InputError(f"{path} is missing, which {config.name} begins with: {remedy}.")
 
 
+def _check_leftover(page: Path, job: Job) -> None:
+    """InputError where the folder holds the row as it was trained when it was another."""
+    if page.exists() and not is_trained_as(json.loads(page.read_text()), job.experiment):
+        raise InputError(
+            f"{page.parent} was trained on other data or in other batches than the row "
+            f"{job.run.row.name} is now: remove or rename that folder, and it is trained anew."
+        )
+
+
 def _is_trained(weights: Path, steps: int) -> bool:
     page = weights.with_suffix(".json")
     if not (weights.exists() and page.exists()):
         return False
-    return json.loads(page.read_text())["training"].get("steps", 0) >= steps
+    return read_info(page).training.get("steps", 0) >= steps
 
 
 def score(weights: Path, job: Job, progress: Progress | None = None) -> dict:
@@ -187,9 +197,10 @@ def score(weights: Path, job: Job, progress: Progress | None = None) -> dict:
         open_data(run.scored_on, cache=run.experiment.data.cache),
         run.views,
         protocol.size,
-        protocol.depth_range,
+        protocol.search_range or protocol.depth_range,
         protocol.tuples_per_scene,
         model.semantic_size,
+        truth_size=protocol.truth_size,
     )
     count = len(samples)
     scores = evaluate(
@@ -202,8 +213,9 @@ def score(weights: Path, job: Job, progress: Progress | None = None) -> dict:
     return {name: value for name, value in scores.items() if name != "scenes"}
 
 
-def _result(job: Job, training: dict, scores: dict, seconds: float | None) -> Result:
-    run = job.run
+def _result(job: Job, weights: Path, scores: dict, seconds: float | None) -> Result:
+    run, training = job.run, read_info(weights.with_suffix(".json")).training
+    page = json.loads((weights.parent / RUN_PAGE).read_text())
     return Result(
         run=run.experiment.name,
         seed=job.seed,
@@ -212,8 +224,9 @@ def _result(job: Job, training: dict, scores: dict, seconds: float | None) -> Re
         views=run.views,
         steps=training["steps"],
         pictures=pictures_of(job.experiment, training["steps"]),
-        weights=first_weights(job.experiment.model, training.get("backbone_weights", "random")),
+        weights=training.get("began_with", "not recorded"),
         scores=scores,
         train_seconds=seconds,
-        experiment=job.experiment.as_json(),
+        trained_at=training.get("commit"),
+        experiment={name: page[name] for name in job.experiment.as_json()},
     )
