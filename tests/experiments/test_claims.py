@@ -64,6 +64,16 @@ def test_a_row_with_one_seed_is_taken_to_scatter_as_the_other(tmp_path: Path):
     assert judge(SAM_HELPS, ROOMS, tmp_path).text == "holds, with one seed of cas_mvsnet"
 
 
+def test_rows_that_began_with_different_weights_are_not_compared(tmp_path: Path):
+    write(tmp_path, mvs_sam=[0.1], cas_mvsnet=[0.2], base=[0.1])
+    for name, began_with in (("mvs_sam", "tiny 2754a3b7"), ("base", "tiny cf820cc6")):
+        path = tmp_path / f"{name}_rooms-0.json"
+        path.write_text(path.read_text().replace('"random"', f'"{began_with}"'))
+    assert judge(SAM_HELPS, ROOMS, tmp_path).text.startswith("holds")
+    text = judge(Claim("", "base", "mvs_sam"), ROOMS, tmp_path).text
+    assert text == "open: they began with different weights"
+
+
 def test_rows_of_too_few_pictures_leave_a_claim_open(tmp_path: Path):
     write(tmp_path, mvs_sam=[0.1])
     write(tmp_path, 600, cas_mvsnet=[0.2])

@@ -1,5 +1,6 @@
 """What the paper claims with its tables, and whether the measured rows bear it out."""
 
+import re
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -76,6 +77,8 @@ def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
         if row.pictures < runs[name].enough:
             return Verdict(claim, published, obstacle=f"open: {name} had too few pictures")
         measured.append(row)
+    if len({hash for row in measured for hash in _package_weights(row.weights)}) > 1:
+        return Verdict(claim, published, obstacle="open: they began with different weights")
     means = [row.means[claim.metric] for row in measured]
     deviations = [row.deviations[claim.metric] for row in measured]
     known = [deviation for deviation in deviations if deviation is not None]
@@ -92,6 +95,11 @@ def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
             if deviation is None
         ),
     )
+
+
+def _package_weights(began_with: str) -> list[str]:
+    """The hashes of the package's own weights that a row began with; they change with versions."""
+    return re.findall(r"\btiny (\w+)", began_with)
 
 
 def published_gain(claim: Claim) -> float:

@@ -1,8 +1,8 @@
 """Every row of Tables 1 to 5 as a run, under two budgets: the paper's on ScanNet, ours on rooms.
 
 A row is one method of the paper. `scannet` trains it as the paper says, at the paper's size.
-`rooms` trains all rows on the same procedural rooms at 160x128, those with SAM in the sizes of
-`tiny`; the rows that the paper's claims rest on on 4,800 pictures, the others on a sixteenth of
+`rooms` trains all rows on the same procedural rooms at 160x128, those with SAM or a cascade in the
+sizes of `tiny`; the rows that the paper's claims rest on on 4,800 pictures, the others on a sixteenth of
 that, which says that they run and no more.
 """
 
@@ -34,7 +34,7 @@ class Row:
     views: int = 1
     """How many it looks at."""
     seeds: int = 1
-    """Under `rooms`: three where a claim of the paper rests on the row."""
+    """Under `rooms`: three where a claim of the paper rests on a small difference of the row."""
     is_long: bool = False
     """Under `rooms`: trained on as many pictures as all that are compared."""
     official_split: bool = False
