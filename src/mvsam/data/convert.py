@@ -10,10 +10,10 @@ from PIL import Image
 
 from mvsam.data.files import load_matrix
 from mvsam.data.labels import SCANNET20
-from mvsam.data.readers.listed import HALF_PIXEL
 from mvsam.data.readers.posed_folder import read_classes
 from mvsam.errors import InputError
 from mvsam.files import write_json, write_whole
+from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.geometry.depth_map import to_millimetres
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import Frame, Scene

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from mvsam.data.check.poses import pose_convention_hint
+from mvsam.data.depth_range import DepthRange
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.keyframes import keyframes
 from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
 
-DepthRange = tuple[float, float]
 ViewTuple = tuple[int, ...]
 """Frame indices: the reference, then its sources, best first."""
 

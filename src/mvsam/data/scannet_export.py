@@ -18,13 +18,13 @@ from PIL import Image
 
 from mvsam.data.nyu40 import TSV, find_tsv
 from mvsam.data.readers.label_zip import find_label_zip, list_labels, read_label
-from mvsam.data.readers.listed import HALF_PIXEL
 from mvsam.data.readers.scannet import is_sens, open_scannet_folder
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.splits import is_scene_list, listed_scenes
 from mvsam.data.view_rules import prescribe, read_rule
 from mvsam.errors import InputError
 from mvsam.files import write_whole
+from mvsam.geometry.camera import HALF_PIXEL
 
 CHUNK = 16
 """Frames that a process writes before it reports."""

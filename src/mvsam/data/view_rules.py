@@ -68,20 +68,20 @@ def _with_rule(tuples_of: Callable[[Scene], list[ViewTuple]], scene: Scene) -> S
 
 
 def window_tuples(
-    scene: Scene, num_views: int, reference_step: int = FRAME_STEP, step: int = FRAME_STEP
+    scene: Scene, num_views: int, reference_step: int = FRAME_STEP
 ) -> list[ViewTuple]:
     """MVS2D's rule, as its authors tell it (issue 12 of their repository), in DPSNet's manner.
 
-    Of each recording every `step`-th frame is kept; sources are the reference's neighbours among
+    Of each recording every 20th frame is kept; sources are the reference's neighbours among
     those, as many before as behind it, shifted inward at both ends. References are the kept frames
     whose number divides by `reference_step`.
     """
     numbers = frame_numbers(scene)
-    kept = [index for index, number in enumerate(numbers) if number % step == 0]
+    kept = [index for index, number in enumerate(numbers) if number % FRAME_STEP == 0]
     if len(kept) < 2:
         raise InputError(
             f"{scene.name}: of its {len(numbers)} frames {len(kept)} have a number that divides by "
-            f"{step}; the rule is for whole recordings, choose another."
+            f"{FRAME_STEP}; the rule is for whole recordings, choose another."
         )
     return [
         _window(kept, place, num_views)

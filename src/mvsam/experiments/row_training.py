@@ -168,7 +168,8 @@ def check_beginning(config: ModelConfig) -> None:
         elif run in RUNS:
             remedy = f"`mvsam train {run}` makes it"
         else:
-            remedy = "`mvsam table 4 --train` makes it"
+            budget = run.rsplit("_", 1)[-1].partition("-")[0]
+            remedy = f"`mvsam table 4 --data {budget} --train` makes it"
         raise InputError(f"{path} is missing, which {config.name} begins with: {remedy}.")
 
 

@@ -2,8 +2,8 @@
 
 A row is one method of the paper. `scannet` trains it as the paper says, at the paper's size.
 `rooms` trains all rows on the same procedural rooms at 160x128, those with SAM or a cascade in the
-sizes of `tiny`; the rows that the paper's claims rest on on 4,800 pictures, the others on a sixteenth of
-that, which says that they run and no more.
+sizes of `tiny`; the rows that the paper's claims rest on on 4,800 pictures, the others on a
+sixteenth of that, which says that they run and no more.
 """
 
 from dataclasses import dataclass, replace

@@ -1,8 +1,12 @@
 """Pinhole cameras in the corner convention: the image covers [0, W] x [0, H]."""
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+"""From a calibration that counts pixel centres at integers to the corner convention."""
 
 
 def pixel_centres(

@@ -10,6 +10,7 @@ from torch import nn
 from mvsam.data.camera_checks import check_intrinsics, check_pose
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, estimate_depth_range
 from mvsam.errors import InputError, counted
+from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.session import Session
 from mvsam.precision import Precision
@@ -48,7 +49,7 @@ def predict(
     if not 2 <= len(images) <= MOST_VIEWS:
         raise InputError(
             f"{counted(len(images), 'photo')} given; give 2 to {MOST_VIEWS} that overlap, "
-            "or a whole scene to predict_scene."
+            "or a whole scene to mvsam predict."
         )
     photos = zip(images, intrinsics, world_from_cam, strict=True)
     frames = [_frame(f"photo {index}", *photo) for index, photo in enumerate(photos)]
@@ -72,8 +73,8 @@ def check_measured_depth(model: nn.Module, references: Sequence[Frame]) -> None:
     if lacking and getattr(model, "reads_depth", False):
         raise InputError(
             f"{lacking[0]}: has no measured depth, which this model reads ({len(lacking)} of "
-            f"{len(references)} photos lack it); give them depth maps, name others as references, "
-            "or take a model of RGB views (mvsam models)."
+            f"{len(references)} photos lack it): take a model of RGB views (mvsam models), or "
+            "predict a scene whose photos have depth maps (docs/data.md) with mvsam predict."
         )
 
 
@@ -109,8 +110,7 @@ def _frame(name: str, image: Any, intrinsics: Any, world_from_cam: Any) -> Frame
     pose = _matrix(world_from_cam, 4, f"{name}: the pose")
     check_pose(pose, name)
     # OpenCV counts pixel centres at integers; ours lie at halves.
-    half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-    return Frame(name, size, intrinsics + half_pixel, pose, load_image=partial(np.copy, image))
+    return Frame(name, size, intrinsics + HALF_PIXEL, pose, load_image=partial(np.copy, image))
 
 
 def _matrix(values: Any, side: int, item: str) -> np.ndarray:

@@ -10,13 +10,17 @@ import numpy as np
 import torch
 from torch import nn
 
+from mvsam.data.sampling import ViewTuple
 from mvsam.errors import InputError
 from mvsam.memory import peak_memory
 from mvsam.precision import Precision, resolve
 from mvsam.provenance import versions
 from mvsam.types import Frame
 
-IDENTITY = ("scene", "cameras_hash", "model", "weights_hash", "num_views", "tuples", "depth_range")
+IDENTITY = (
+    *("scene", "cameras_hash", "model", "weights_hash", "num_views", "depth_range"),
+    "tuples_hash",
+)
 """Keys in which two runs must agree to share a folder."""
 
 
@@ -25,18 +29,19 @@ def describe_run(
     scene_name: str,
     frames: Sequence[Frame],
     num_views: int,
+    tuples: Sequence[ViewTuple],
     depth_range: tuple[float, float],
     precision: Precision,
     arguments: dict[str, Any] | None,
 ) -> dict[str, Any]:
-    """The part of `run.json` that is known before the work begins."""
+    """The part of `run.json` that is known before the work begins; tuples: all of the scene's."""
     return {
         "scene": scene_name,
         "cameras_hash": hash_of_cameras(frames),
         "model": model_name(model),
         "weights_hash": getattr(model, "weights_hash", None) or hash_of_values(model),
         "num_views": num_views,
-        "tuples": (arguments or {}).get("tuples"),
+        "tuples_hash": hash_of_tuples(tuples),
         "depth_range": list(depth_range),
         "precision": resolve(precision, device_of(model).type),
         "arguments": arguments or {},
@@ -83,6 +88,11 @@ def hash_of_cameras(frames: Sequence[Frame]) -> str:
         for matrix in (frame.intrinsics, frame.world_from_cam):
             digest.update(np.ascontiguousarray(matrix, dtype=np.float64).tobytes())
     return digest.hexdigest()[:16]
+
+
+def hash_of_tuples(tuples: Sequence[ViewTuple]) -> str:
+    """16 digits for which photos are seen together."""
+    return hashlib.sha256(repr([tuple(views) for views in tuples]).encode()).hexdigest()[:16]
 
 
 def hash_of_values(model: nn.Module) -> str:

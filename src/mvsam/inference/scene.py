@@ -81,7 +81,11 @@ def predict_scene(
         raise InputError(f"{num_views} views for a prediction: ask for 2 to {MOST_VIEWS}.")
     frames = [scene.frame(index) for index in range(len(scene))]
     depth_range = resolved_depth_range(depth_range, frames, getattr(scene, "points", None))
-    tuples, skipped = _chosen_tuples(scene, frames, num_views, depth_range, references)
+    all_tuples, skipped = view_tuples(scene, num_views, depth_range)
+    tuples = all_tuples
+    if references is not None:
+        tuples = _tuples_of(references, all_tuples, frames, scene.name)
+        skipped = [name for name in skipped if name in references]
     for name in skipped:
         log.warning("%s: no other photo overlaps it; it is skipped.", name)
     if warning := camera_warning(frames, depth_range):
@@ -90,7 +94,9 @@ def predict_scene(
     check_measured_depth(model, chosen)
     photos = _photos_within(max_memory, model, frames, num_views)
     folder = OutputFolder(Path(out))
-    run = describe_run(model, scene.name, frames, num_views, depth_range, precision, arguments)
+    run = describe_run(
+        model, scene.name, frames, num_views, all_tuples, depth_range, precision, arguments
+    )
     _prepare(folder, run, chosen, overwrite, save_npz)
     with Session(model, depth_range, photos, precision) as session:
         work = _Work(session, frames, folder, run, save_npz)
@@ -171,30 +177,23 @@ def _class_table(model: nn.Module) -> ClassTable:
     return ClassTable(info.classes, info.palette) if info and info.classes else SCANNET20
 
 
-def _chosen_tuples(
-    scene: Scene,
-    frames: list[Frame],
-    num_views: int,
-    depth_range: tuple[float, float],
-    references: Sequence[str] | None,
-) -> tuple[list[ViewTuple], list[str]]:
-    """(tuples of the references asked for, names of those that no other photo overlaps)."""
-    tuples, skipped = view_tuples(scene, num_views, depth_range)
-    if references is None:
-        return tuples, skipped
+def _tuples_of(
+    references: Sequence[str], tuples: list[ViewTuple], frames: list[Frame], scene: str
+) -> list[ViewTuple]:
+    """Those of the references asked for; InputError where there is none."""
     names = [frame.name for frame in frames]
     for name in references:
         if name not in names:
             close = get_close_matches(name, names, n=1)
             hint = f" Did you mean {close[0]}?" if close else ""
-            raise InputError(f"{scene.name} has no photo named {name}.{hint}")
+            raise InputError(f"{scene} has no photo named {name}.{hint}")
     chosen = [views for views in tuples if names[views[0]] in references]
     if not chosen:
         raise InputError(
-            f"{scene.name}: none of the references {', '.join(references)} has a source that "
+            f"{scene}: none of the references {', '.join(references)} has a source that "
             "overlaps it; choose others."
         )
-    return chosen, [name for name in skipped if name in references]
+    return chosen
 
 
 def _prepare(

@@ -13,18 +13,18 @@ LARGEST_JUMP = 0.05
 
 
 def depth_at_size(
-    depth: Float[Tensor, "height width"], size: tuple[int, int], largest_jump: float = LARGEST_JUMP
+    depth: Float[Tensor, "height width"], size: tuple[int, int]
 ) -> Float[Tensor, "photo_height photo_width"]:
     """Depth at (width, height): bilinear within a surface, nearest across an edge.
 
     Blending across an edge would hang points in the air between a chair and the wall behind it.
-    An edge is where the four blended depths differ by more than `largest_jump`, or one is unknown.
+    An edge is where the four blended depths differ by more than `LARGEST_JUMP`, or one is unknown.
     """
     if size == (depth.shape[1], depth.shape[0]):
         return depth
     corners = torch.stack(_four_neighbours(depth, size))
     nearest_of_four, farthest_of_four = corners.amin(dim=0), corners.amax(dim=0)
-    is_smooth = farthest_of_four <= (1 + largest_jump) * nearest_of_four
+    is_smooth = farthest_of_four <= (1 + LARGEST_JUMP) * nearest_of_four
     return torch.where(
         is_smooth, smooth_at_size(depth, size), _resize(depth, size, "nearest-exact")
     )

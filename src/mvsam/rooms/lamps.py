@@ -72,7 +72,7 @@ def _ceiling_lamp(dice: Dice, kind: str, height: Number, power: Number, warm) ->
     return piece
 
 
-def bounced_light(dice: Dice, plan: Plan, paint: m.Material, daylight: Number) -> m.Color:
+def bounced_light(dice: Dice, plan: Plan, paint: m.Material) -> m.Color:
     """Light that has bounced about: a share of all lamps and windows, tinted by the walls."""
     x0, y0, x1, y1 = plan.rectangles[0]
     area = (x1 - x0) * (y1 - y0)

@@ -44,7 +44,7 @@ def build_room(dice: Dice, assets: Assets | None = None, kind: str | None = None
     _floor_clutter(dice, plan)
     hang_lamps(dice, plan, kind, bright)
     enclose(dice, plan, ground, paint)
-    ambient = bounced_light(dice, plan, paint, bright)
+    ambient = bounced_light(dice, plan, paint)
     return Room(plan.piece, kind, ambient, np.array(plan.rectangles))
 
 

@@ -74,12 +74,16 @@ class DepthPrompt(nn.Module):
         return self.layers(self.scale(depth, near, far)), has_depth
 
 
+CELL = 4
+"""Pixels of depth, a side, that become one embedding."""
+
+
 def fill_cells(
-    depth: Float[Tensor, "batch 1 height width"], cell: int = 4
+    depth: Float[Tensor, "batch 1 height width"],
 ) -> tuple[Float[Tensor, "batch 1 height width"], Bool[Tensor, "batch 1 h4 w4"]]:
     """Unknown pixels take the mean of the known ones of their cell; which cells have any."""
     known = (depth > 0).to(depth.dtype)
-    share = F.avg_pool2d(known, cell)
-    mean = F.avg_pool2d(depth * known, cell) / share.clamp(min=1e-6)
-    filled = torch.where(known > 0, depth, F.interpolate(mean, scale_factor=cell, mode="nearest"))
+    share = F.avg_pool2d(known, CELL)
+    mean = F.avg_pool2d(depth * known, CELL) / share.clamp(min=1e-6)
+    filled = torch.where(known > 0, depth, F.interpolate(mean, scale_factor=CELL, mode="nearest"))
     return filled, share > 0

@@ -81,14 +81,11 @@ def test_photos_of_different_sizes_have_their_own_intrinsics(tmp_path):
 def test_depth_and_labels_are_optional_and_may_exist_for_some_photos(tmp_path):
     write_posed_folder(tmp_path / "bare", depth=False, labels=False)
     bare = PosedFolder(tmp_path / "bare")
-    assert not bare.has_depth
-    assert not bare.has_labels
     assert bare.frame(0).depth is None
     assert bare.frame(0).labels is None
     write_posed_folder(tmp_path / "some")
     (tmp_path / "some/depth/0001.png").unlink()
     some = PosedFolder(tmp_path / "some")
-    assert some.has_depth
     assert some.frame(1).depth is None
     assert some.frame(2).depth is not None
 

@@ -108,13 +108,13 @@ def heading(table: Table, budget: Budget, lines: list[Line]) -> list[str]:
     ]
     if budget == "rooms":
         sentences.append(
-            "Rooms are not ScanNet, networks with SAM or a cascade have the sizes of `tiny`: compare "
-            "measured figures with each other, not with published ones."
+            "Rooms are not ScanNet, networks with SAM or a cascade have the sizes of `tiny`: "
+            "compare measured figures with each other, not with published ones."
         )
         sentences.append(
-            f"Full budget: {run.enough:,} pictures, {run.experiment.train.batch_size} rooms a step, "
-            "after which losses still fall. Rows with SAM begin with the encoder of `tiny`, which has "
-            "learned depth and these classes from other rooms."
+            f"Full budget: {run.enough:,} pictures, {run.experiment.train.batch_size} rooms a "
+            "step, after which losses still fall. Rows with SAM begin with the encoder of `tiny`, "
+            "which has learned depth and these classes from other rooms."
         )
     device = next((line.speed.device for line in lines if line.speed), None)
     if device is not None:

@@ -21,12 +21,11 @@ from mvsam.data.check.readings import (
     Reading,
 )
 from mvsam.data.check.registration import is_unregistered
+from mvsam.data.depth_range import DepthRange
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.transforms import resize_intrinsics, resize_nearest
 from mvsam.errors import counted
 from mvsam.types import Frame
-
-DepthRange = tuple[float, float]
 
 SIZE = (80, 60)
 """(width, height) at which depth is compared, pixels."""

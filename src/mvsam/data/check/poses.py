@@ -12,13 +12,13 @@ import torch
 from jaxtyping import Float
 
 from mvsam.data.check.likeness import THUMBNAIL, Grey, grey_thumbnail, likeness
+from mvsam.data.depth_range import DepthRange
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.transforms import resize_intrinsics
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import Frame
 
 Poses = Float[np.ndarray, "camera 4 4"]
-DepthRange = tuple[float, float]
 Pair = tuple[int, int]
 
 AS_GIVEN = "as given"

@@ -7,10 +7,9 @@ import numpy as np
 
 from mvsam.data.check.depth import Verdict, depth_verdict
 from mvsam.data.check.poses import pose_convention_hint
+from mvsam.data.depth_range import DepthRange
 from mvsam.data.labels import SCANNET20
 from mvsam.types import IGNORE, Frame, Scene
-
-DepthRange = tuple[float, float]
 
 SAMPLED_FRAMES = 50
 """Evenly spaced frames whose depth and labels are looked at."""

@@ -12,9 +12,6 @@ from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.errors import InputError
 from mvsam.types import Frame
 
-HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-"""From a calibration that counts pixel centres at integers to the corner convention."""
-
 log = logging.getLogger("mvsam")
 
 

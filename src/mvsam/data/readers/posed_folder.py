@@ -23,6 +23,7 @@ from mvsam.data.files import (
 )
 from mvsam.data.labels import SCANNET20, ClassTable, read_class_table
 from mvsam.errors import InputError, counted
+from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.types import Frame
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -37,7 +38,7 @@ def is_posed_folder(path: Path) -> bool:
 class PosedFolder:
     """A `Scene` of one posed folder.
 
-    Raises `InputError` for a folder that is not whole: see the checks in `files` and `checks`.
+    Raises `InputError` for a folder that is not whole: see `data.files` and `data.camera_checks`.
     """
 
     def __init__(self, path: str | Path):
@@ -63,14 +64,6 @@ class PosedFolder:
     def views(self) -> list[tuple[int, ...]] | None:
         """The tuples of `views.txt` (reference, then sources, best first), or None without it."""
         return self._views
-
-    @property
-    def has_depth(self) -> bool:
-        return bool(self._depth)
-
-    @property
-    def has_labels(self) -> bool:
-        return bool(self._labels)
 
     def _make_frame(self, name: str, photos: Files, poses: Files, intrinsics: dict) -> Frame:
         world_from_cam = load_matrix(poses[name], 4, 4, "pose")
@@ -130,8 +123,7 @@ def read_intrinsics(path: Path, sizes: dict[str, Size]) -> dict[str, Float64[np.
     matrices = {file: load_matrix(file, 3, 3, "intrinsics matrix") for file in set(files.values())}
     for name, file in files.items():
         check_intrinsics(matrices[file], sizes[name], str(file))
-    half_pixel = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-    return {name: matrices[file] + half_pixel for name, file in files.items()}
+    return {name: matrices[file] + HALF_PIXEL for name, file in files.items()}
 
 
 def read_view_tuples(file: Path, names: Iterable[str]) -> list[tuple[int, ...]]:

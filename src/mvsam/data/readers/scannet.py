@@ -23,12 +23,13 @@ from mvsam.data.files import (
 )
 from mvsam.data.nyu40 import find_tsv, from_nyu40, from_raw
 from mvsam.data.readers.label_zip import find_label_zip, list_labels, read_label
-from mvsam.data.readers.listed import HALF_PIXEL, ListedScene, checked, numbered_files
+from mvsam.data.readers.listed import ListedScene, checked, numbered_files
 from mvsam.data.readers.posed_folder import read_view_tuples
 from mvsam.data.readers.register import read_at_pixels
 from mvsam.data.readers.sens import SensFile
 from mvsam.data.transforms import resize_nearest
 from mvsam.errors import InputError
+from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.types import Frame
 
 

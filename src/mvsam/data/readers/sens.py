@@ -19,6 +19,7 @@ from PIL import Image
 from mvsam.data.camera_checks import check_depth_scale
 from mvsam.data.readers.register import read_at_pixels
 from mvsam.errors import InputError, counted
+from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.types import Frame
 
 VERSION = 4
@@ -192,4 +193,4 @@ def _exactly(file: BinaryIO, count: int) -> bytes:
 
 def _corner(matrix: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3 3"]:
     """ScanNet calibrates at integer pixel centres; ours lie at halves."""
-    return matrix[:3, :3] + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    return matrix[:3, :3] + HALF_PIXEL

@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from mvsam.data.files import check_map, check_photo, load_matrix, load_photo, load_pixels
 from mvsam.data.readers.listed import (
-    HALF_PIXEL,
     ListedScene,
     checked,
     corner_intrinsics,
@@ -25,6 +24,7 @@ from mvsam.data.readers.trajectory import (
 )
 from mvsam.data.readers.undistort import Distortion, undistort
 from mvsam.errors import InputError
+from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.types import Frame
 
 DEPTH_UNITS = 5000.0

@@ -23,20 +23,19 @@ class Lens(Protocol):
 class Distortion:
     """What a lens does to a ray (x, y, 1) before the pinhole matrix.
 
-    kind "brown" (OpenCV's and COLMAP's): radial (k1, k2, ...) over 1 + the denominator
-    (k4, k5, k6), and tangential (p1, p2). kind "fisheye" (OpenCV's): the angle t becomes
+    kind "brown" (OpenCV's and COLMAP's): radial (k1, k2, ...) and tangential (p1, p2).
+    kind "fisheye" (OpenCV's): the angle t becomes
     t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8).
     """
 
     kind: Literal["brown", "fisheye"] = "brown"
     radial: tuple[float, ...] = ()
     tangential: tuple[float, float] = (0.0, 0.0)
-    denominator: tuple[float, ...] = ()
 
     @property
     def is_none(self) -> bool:
         """Whether nothing is bent; a fisheye always bends."""
-        coefficients = (*self.radial, *self.tangential, *self.denominator)
+        coefficients = (*self.radial, *self.tangential)
         return self.kind == "brown" and not any(coefficients)
 
     def bend(self, rays: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
@@ -49,7 +48,7 @@ class Distortion:
             bent = angle * _series(angle * angle, self.radial)
             return rays * np.where(radius > 1e-8, bent / np.maximum(radius, 1e-8), 1.0)[..., None]
         p1, p2 = self.tangential
-        scale = _series(squared, self.radial) / _series(squared, self.denominator)
+        scale = _series(squared, self.radial)
         return np.stack(
             [
                 x * scale + 2 * p1 * x * y + p2 * (squared + 2 * x * x),

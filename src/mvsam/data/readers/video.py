@@ -33,15 +33,18 @@ def extract_frames(
     return files
 
 
-def thinned_frames(video: Path, folder: Path, per_second: float = 2.0) -> dict[int, Path]:
-    """`extract_frames` of so many pictures a second, evenly spaced."""
+PICTURES_PER_SECOND = 2
+
+
+def thinned_frames(video: Path, folder: Path) -> dict[int, Path]:
+    """`extract_frames` of two pictures a second, evenly spaced."""
     av = _import_av()
     try:
         with av.open(str(video)) as container:
             rate = float(container.streams.video[0].average_rate or 30)
     except (av.error.FFmpegError, IndexError, ValueError) as error:
         raise InputError(f"{video}: cannot be read as a video ({error}); copy it again.") from error
-    step = max(1, round(rate / per_second))
+    step = max(1, round(rate / PICTURES_PER_SECOND))
     return extract_frames(video, folder, lambda number: number % step == 0)
 
 
