@@ -12,7 +12,7 @@ from mvsam.model import MultiViewSAM
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.prior import MonocularPrior
 from mvsam.mvs.regularizer import CostRegularizer
-from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
+from mvsam.segmentation.decoder import ConvDecoder, GridFilter, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
 from mvsam.segmentation.transformer import TwoWayTransformer
 
@@ -52,6 +52,13 @@ def tiny_decoder(num_classes: int) -> SemanticDecoder:
     return SemanticDecoder(num_classes, transformer, TINY_CHANNELS)
 
 
+def smooth_tiny_decoder(num_classes: int) -> SemanticDecoder:
+    """`tiny_decoder` with class borders free of combs; not a part of the paper's decoder."""
+    decoder = tiny_decoder(num_classes)
+    decoder.upscaling.append(GridFilter(TINY_CHANNELS // 8))
+    return decoder
+
+
 def tiny_encoder(tuned_blocks: int | None) -> SamEncoder:
     """`tiny_vit` as SAM's place-holder; None: all of it learns, at the rate of the other parts."""
     return SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=tuned_blocks)
@@ -68,7 +75,12 @@ def tiny_cascade() -> DepthCascade:
 
 def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
     """The paper's network at a size for two CPU cores, with a monocular prior on its depth."""
-    return tiny_base(num_classes, tuned_blocks=tuned_blocks, prior=MonocularPrior(TINY_CHANNELS))
+    return tiny_base(
+        num_classes,
+        tuned_blocks=tuned_blocks,
+        prior=MonocularPrior(TINY_CHANNELS),
+        decoder=smooth_tiny_decoder(num_classes),
+    )
 
 
 def tiny_semantic(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
@@ -76,7 +88,12 @@ def tiny_semantic(num_classes: int = 20, tuned_blocks: int | None = None) -> Mul
 
     Trained on single pictures it stands in for SAM's pre-training, which `tiny` has none of.
     """
-    return tiny_semantic_gt_depth(num_classes, tuned_blocks, MonocularPrior(TINY_CHANNELS))
+    return tiny_semantic_gt_depth(
+        num_classes,
+        tuned_blocks,
+        prior=MonocularPrior(TINY_CHANNELS),
+        decoder=smooth_tiny_decoder(num_classes),
+    )
 
 
 def tiny_base(
@@ -84,6 +101,7 @@ def tiny_base(
     has_bridge: bool = True,
     tuned_blocks: int | None = None,
     prior: MonocularPrior | None = None,
+    decoder: SemanticDecoder | None = None,
 ) -> MultiViewSAM:
     """`base` in the sizes of `tiny`; every box of Figure 3 is there and no other."""
     return MultiViewSAM(
@@ -93,7 +111,7 @@ def tiny_base(
         cascade=tiny_cascade(),
         prior=prior,
         prompt=DepthPrompt(TINY_CHANNELS),
-        decoder=tiny_decoder(num_classes),
+        decoder=decoder or tiny_decoder(num_classes),
     )
 
 
@@ -109,14 +127,17 @@ def tiny_mvs_sam(num_classes: int = 20, tuned_blocks: int | None = None) -> Mult
 
 
 def tiny_semantic_gt_depth(
-    num_classes: int = 20, tuned_blocks: int | None = None, prior: MonocularPrior | None = None
+    num_classes: int = 20,
+    tuned_blocks: int | None = None,
+    prior: MonocularPrior | None = None,
+    decoder: SemanticDecoder | None = None,
 ) -> MultiViewSAM:
     """`sam_semantic_gt_depth` in the sizes of `tiny`."""
     return MultiViewSAM(
         semantic_encoder=tiny_encoder(tuned_blocks),
         prior=prior,
         prompt=DepthPrompt(TINY_CHANNELS),
-        decoder=tiny_decoder(num_classes),
+        decoder=decoder or tiny_decoder(num_classes),
     )
 
 
