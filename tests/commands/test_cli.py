@@ -286,7 +286,7 @@ def test_of_a_stream_only_the_keyframes_are_predicted(tmp_path, model, capsys, d
     poses = [np.loadtxt(tmp_path / f"room/poses/000{n}.txt") for n in range(4)]
     assert names == {f"000{n}" for n in keyframes_of(poses)} and "0001" not in names
     assert predict(room, tmp_path, "--depth-range", *depth_range) == 2
-    assert "holds predictions with tuples_hash" in capsys.readouterr().err
+    assert "holds predictions made from other view tuples" in capsys.readouterr().err
 
 
 def test_a_measured_distance_scales_the_cameras_that_predict_writes(room, tmp_path, model, capsys):

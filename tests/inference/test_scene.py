@@ -170,7 +170,7 @@ def test_maps_of_poses_since_corrected_are_not_kept(tmp_path: Path, scene, out: 
     pose = np.loadtxt(path)
     pose[0, 3] += 0.01
     np.savetxt(path, pose)
-    with pytest.raises(InputError, match=r"cameras_hash.*--overwrite"):
+    with pytest.raises(InputError, match=r"of other cameras.*--overwrite"):
         predict_scene(FakeModel(), open_scene(tmp_path / "room"), out)
 
 

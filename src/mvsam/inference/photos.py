@@ -73,8 +73,9 @@ def check_measured_depth(model: nn.Module, references: Sequence[Frame]) -> None:
     if lacking and getattr(model, "reads_depth", False):
         raise InputError(
             f"{lacking[0]}: has no measured depth, which this model reads ({len(lacking)} of "
-            f"{len(references)} photos lack it): take a model of RGB views (mvsam models), or "
-            "predict a scene whose photos have depth maps (docs/data.md) with mvsam predict."
+            f"{len(references)} photos lack it): take a model of RGB views (mvsam models), give "
+            "the scene's photos depth maps (docs/data.md), or in mvsam predict name others as "
+            "--references."
         )
 
 

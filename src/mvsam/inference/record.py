@@ -22,6 +22,11 @@ IDENTITY = (
     "tuples_hash",
 )
 """Keys in which two runs must agree to share a folder."""
+_HASHED = {
+    "cameras_hash": "of other cameras",
+    "weights_hash": "of other weights",
+    "tuples_hash": "made from other view tuples (--tuples, or the scene's views.txt)",
+}
 
 
 def describe_run(
@@ -59,9 +64,10 @@ def check_same_run(now: dict[str, Any], before: dict[str, Any], folder: Path) ->
     """Raises `InputError` where a folder holds predictions of another model, scene or setting."""
     for key in IDENTITY:
         if before.get(key) != now[key]:
+            with_another = _HASHED.get(key, f"with {key} {before.get(key)}, not {now[key]}")
             raise InputError(
-                f"{folder} holds predictions with {key} {before.get(key)}, not {now[key]}: "
-                "choose another --out, or add --overwrite to replace them."
+                f"{folder} holds predictions {with_another}: choose another --out, or add "
+                "--overwrite to replace them."
             )
 
 
