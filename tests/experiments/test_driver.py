@@ -243,7 +243,7 @@ def test_a_run_that_weighs_the_rooms_classes_trains_on_a_user_s_own(
     (own / "classes.json").write_text(json.dumps(table))
     for path in (own / "labels").iterdir():
         Image.fromarray(np.minimum(np.asarray(Image.open(path)), 11)).save(path)
-    experiment = replace(small_experiment(own, 1, "auto"), loss=find_run("tiny").loss)
+    experiment = replace(small_experiment(own, 1, "auto"), loss=find_run("tiny_joint").loss)
     target = drive(experiment, tmp_path / "run", devices=1)
     assert "the run weighs 20 classes and the data have 12" in caplog.text
     assert read_info(target.with_suffix(".json")).num_classes == 12
@@ -252,7 +252,7 @@ def test_a_run_that_weighs_the_rooms_classes_trains_on_a_user_s_own(
 
 
 def test_class_weights_stay_where_the_data_have_as_many_classes():
-    experiment = find_run("tiny")
+    experiment = find_run("tiny_joint")
     assert driver._with_classes(experiment, 20).loss == experiment.loss
 
 
