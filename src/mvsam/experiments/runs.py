@@ -41,6 +41,9 @@ _SINGLE = replace(_ROOMS, num_views=1, references=1)
 """A picture of the three of each room: kept rooms cost nothing the second time, and a picture costs
 twice as much to render as to learn from."""
 
+_PROMPTED = replace(_SINGLE, train="rooms:train:0-7500", prompt_noise=0.1)
+"""Half of the prompts are wrong, as a plane sweep's depth is."""
+
 
 def _with_nyu(data: DataConfig) -> DataConfig:
     """Two of NYUv2's labelled photos with each sample, but none of those on which we score."""
@@ -87,7 +90,7 @@ _RUNS = (
         about="Second stage of `tiny`: its semantic half and its prior once more, on single "
         "pictures prompted with true depth, made wrong half of the time. An hour of a core.",
         model=ModelConfig("tiny_semantic", init=("tiny", _JOINT)),
-        data=replace(_SINGLE, train="rooms:train:0-7500", prompt_noise=0.1),
+        data=_PROMPTED,
         loss=_LOSS,
         optimizer=OptimizerConfig(lr=3e-4, steps=2600, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, seed=11, val_every=650, checkpoint_every=100),
@@ -97,7 +100,7 @@ _RUNS = (
         about="Third stage of `tiny`: the same without class weights, which made rare classes win "
         "where they are unlikely. Fifteen minutes of a core.",
         model=ModelConfig("tiny_semantic", init=("tiny", _SEMANTIC)),
-        data=replace(_SINGLE, train="rooms:train:0-7500", prompt_noise=0.1),
+        data=_PROMPTED,
         loss=JointLoss(),
         optimizer=OptimizerConfig(lr=2e-4, steps=500, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, seed=13, val_every=250, checkpoint_every=100),

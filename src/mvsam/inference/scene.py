@@ -82,9 +82,8 @@ def predict_scene(
     frames = [scene.frame(index) for index in range(len(scene))]
     depth_range = resolved_depth_range(depth_range, frames, getattr(scene, "points", None))
     all_tuples, skipped = view_tuples(scene, num_views, depth_range)
-    tuples = all_tuples
+    tuples = _tuples_of(references, all_tuples, frames, scene.name)
     if references is not None:
-        tuples = _tuples_of(references, all_tuples, frames, scene.name)
         skipped = [name for name in skipped if name in references]
     for name in skipped:
         log.warning("%s: no other photo overlaps it; it is skipped.", name)
@@ -178,9 +177,11 @@ def _class_table(model: nn.Module) -> ClassTable:
 
 
 def _tuples_of(
-    references: Sequence[str], tuples: list[ViewTuple], frames: list[Frame], scene: str
+    references: Sequence[str] | None, tuples: list[ViewTuple], frames: list[Frame], scene: str
 ) -> list[ViewTuple]:
-    """Those of the references asked for; InputError where there is none."""
+    """Those of the references asked for, all for None; InputError where there is none."""
+    if references is None:
+        return tuples
     names = [frame.name for frame in frames]
     for name in references:
         if name not in names:
