@@ -234,6 +234,21 @@ def test_labelled_photos_come_beside_each_sample_with_their_own_depth(mixed: Dat
     assert singles_of(batch)[0].images.shape == (6, 1, 3, 32, 32)
 
 
+def test_prompts_of_labelled_photos_are_wrong_in_half_of_them_and_targets_in_none(
+    mixed: DataConfig,
+):
+    stream = SampleStream(replace(mixed, prompt_noise=0.1), seed=1)
+    right, changed = SampleStream(mixed, seed=1), []
+    for n in range(12):
+        (views, targets), (_, expected) = singles_of(stream[n]), singles_of(right[n])
+        assert views.measured_depth is not None
+        assert torch.equal(targets.depth, expected.depth)
+        changed += [
+            not torch.equal(a, b) for a, b in zip(views.measured_depth, targets.depth, strict=True)
+        ]
+    assert len(changed) == 24 and 5 <= sum(changed) <= 19
+
+
 def test_a_labelled_photo_without_depth_leaves_the_others_theirs(mixed: DataConfig, tmp_path: Path):
     write_posed_folder(tmp_path, 2, (40, 30))
     (tmp_path / "depth/0000.png").unlink()

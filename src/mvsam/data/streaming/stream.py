@@ -88,8 +88,9 @@ class DataConfig:
     color_jitter: float = 0.0
     """Spread of the exposure, colour and contrast drawn anew for each view (0.2 is moderate)."""
     prompt_noise: float = 0.0
-    """Spread of the logarithm of made-up errors in half of the measured depth maps, which prompt a
-    model of one view; 0.1 is much. A prompt that is never wrong is believed too much later."""
+    """Spread of the logarithm of made-up errors in half of the measured depth maps, those of
+    `singles` too, which prompt a model of one view; 0.1 is much. A prompt that is never wrong is
+    believed too much later."""
     singles: str | None = None
     """Folder of labelled photos without poses (`SingleViews`); each teaches labels, prompted with
     its measured depth, and the prior of a model that has one. None: rooms alone."""
@@ -166,9 +167,7 @@ class SampleStream(Dataset[TrainingSample]):
         views = make_views(frames, config.size, depth_range, config.semantic_size)
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
-        if config.prompt_noise and views.measured_depth is not None and dice.random() < 0.5:
-            estimated = as_if_estimated(views.measured_depth, config.prompt_noise, dice)
-            views = replace(views, measured_depth=estimated)
+        views = _prompted(views, config.prompt_noise, dice)
         if config.references > 1:  # measured depth belongs to view 0 alone
             views = replace(views, measured_depth=None)
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
@@ -260,13 +259,22 @@ class SingleStream(Dataset[tuple[Views, Targets]]):
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
         targets = make_targets(frame, config.size)
-        return replace(views, measured_depth=targets.depth), targets  # 0 = unknown, not None
+        views = replace(views, measured_depth=targets.depth)  # 0 = unknown, not None
+        return _prompted(views, config.prompt_noise, dice), targets
 
 
 def _drawn_range(config: DataConfig, dice: np.random.Generator) -> tuple[float, float]:
     if config.farthest is None:
         return config.depth_range
     return config.depth_range[0], float(np.exp(dice.uniform(*np.log(config.farthest))))
+
+
+def _prompted(views: Views, noise: float, dice: np.random.Generator) -> Views:
+    """Half of the time with a measured depth that is as wrong as an estimated one."""
+    if not noise or views.measured_depth is None or dice.random() >= 0.5:
+        return views
+    estimated = as_if_estimated(views.measured_depth, noise, dice)
+    return replace(views, measured_depth=estimated)
 
 
 def _recoloured(views: Views, strength: float, dice: np.random.Generator) -> Views:
