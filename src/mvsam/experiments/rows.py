@@ -136,7 +136,7 @@ _ROWS = (
     _with_sam("sam_frozen", "sam_semantic", "tiny_sam_semantic", 0, seeds=3),
     _with_sam("sam_tuned", "sam_semantic", "tiny_sam_semantic", 3, seeds=3),
     _with_sam("sam_frozen_gt_depth", "sam_semantic_gt_depth", "tiny_semantic_gt_depth", 0),
-    _with_sam("sam_tuned_gt_depth", "sam_semantic_gt_depth", "tiny_semantic_gt_depth", 3),
+    _with_sam("sam_tuned_gt_depth", "sam_semantic_gt_depth", "tiny_semantic_gt_depth", 3, seeds=3),
     _with_sam("base_no_bridge", "base_no_bridge", "tiny_no_bridge", 3, views=3, seeds=3),
 )
 
