@@ -9,8 +9,8 @@ files in results/runs every time.
 import argparse
 from pathlib import Path
 
-from mvsam.apps.tables.contents import lines_of
-from mvsam.apps.tables.render import as_markdown
+from mvsam.apps.tables.contents import lines_of, remarks_of_all
+from mvsam.apps.tables.render import grid_of
 from mvsam.experiments.claims import CLAIMS, Verdict, judge
 from mvsam.experiments.runs import BUDGETS
 from mvsam.experiments.tables import TABLES
@@ -21,9 +21,9 @@ from mvsam.provenance import commit
 def page(budget, results: Path) -> str:
     """Markdown."""
     verdicts = [judge(claim, BUDGETS[budget], results / "runs") for claim in CLAIMS]
-    tables = [
-        as_markdown(table, budget, lines_of(table, budget, results)) for table in TABLES.values()
-    ]
+    tables = {table: lines_of(table, budget, results) for table in TABLES.values()}
+    remarks = remarks_of_all(budget, next(iter(tables.values())))
+    grids = [grid_of(table, lines) for table, lines in tables.items()]
     head = f"""# The tables of the paper
 
 Made by `python benchmarks/claims.py --data {budget}` at commit {commit()}. How the rows are trained
@@ -31,11 +31,15 @@ is in [reproduce.md](reproduce.md#the-papers-tables).
 
 ## The paper's claims
 
-A difference counts where it exceeds the standard deviation between seeds of both rows together; a
-row with one seed is taken to scatter as the other does.
+Gain: difference of the means over seeds, +- the standard deviation of that difference between two
+single runs. It counts from one such deviation on, which two equal rows of three seeds exceed by
+chance once in six times; where a row has one seed, and is taken to scatter as the other does, from
+two on.
 What those that do not hold may be due to, and an experiment towards each: [claims](claims.md).
 """
-    return "\n".join([head, claims_table(verdicts), "## Tables\n", "\n".join(tables)])
+    return "\n".join(
+        [head, claims_table(verdicts), "## Tables\n", "\n\n".join(remarks), "", "\n".join(grids)]
+    )
 
 
 def claims_table(verdicts: list[Verdict]) -> str:

@@ -60,6 +60,9 @@ def test_a_row_with_one_seed_is_taken_to_scatter_as_the_other(tmp_path: Path):
     write(tmp_path, mvs_sam=[0.1, 0.2, 0.3], cas_mvsnet=[0.25])
     verdict = judge(SAM_HELPS, ROOMS, tmp_path)
     assert verdict.spread == pytest.approx(0.1 * 2**0.5) and verdict.text.startswith("undecided")
+    write(tmp_path, cas_mvsnet=[0.45])
+    text = "undecided: within the spread of the seeds, with one seed of cas_mvsnet"
+    assert judge(SAM_HELPS, ROOMS, tmp_path).text == text, "1.8 spreads, and one seed"
     write(tmp_path, cas_mvsnet=[0.5])
     assert judge(SAM_HELPS, ROOMS, tmp_path).text == "holds, with one seed of cas_mvsnet"
 
@@ -72,6 +75,13 @@ def test_rows_that_began_with_different_weights_are_not_compared(tmp_path: Path)
     assert judge(SAM_HELPS, ROOMS, tmp_path).text.startswith("holds")
     text = judge(Claim("", "base", "mvs_sam"), ROOMS, tmp_path).text
     assert text == "open: they began with different weights"
+
+
+def test_rows_of_different_length_are_not_compared(tmp_path: Path):
+    write(tmp_path, 24_000, mvs_sam=[0.1])
+    write(tmp_path, cas_mvsnet=[0.2])
+    text = "open: they saw different numbers of pictures"
+    assert judge(SAM_HELPS, ROOMS, tmp_path).text == text
 
 
 def test_rows_of_too_few_pictures_leave_a_claim_open(tmp_path: Path):

@@ -10,13 +10,14 @@ import torch
 from mvsam.errors import InputError
 from mvsam.experiments.config import ModelConfig
 from mvsam.experiments.driver import LAST, first_weights, initial_model
-from mvsam.experiments.results import read_result, result_path
+from mvsam.experiments.results import read_result, result_path, write_result
 from mvsam.experiments.row_training import (
     Folders,
     Job,
     check_beginning,
     claim,
     is_done,
+    is_left,
     jobs_of,
     train_and_score,
     train_jobs,
@@ -91,7 +92,7 @@ def test_weights_of_other_batches_are_not_taken_for_those_of_the_row(job: Job, f
     experiment = job.run.experiment
     experiment = replace(experiment, train=replace(experiment.train, batch_size=4))
     changed = replace(job, run=replace(job.run, experiment=experiment))
-    with pytest.raises(InputError, match="in other batches than the row"):
+    with pytest.raises(InputError, match="with other settings than the row"):
         train_and_score(changed, folders)
 
 
@@ -115,7 +116,6 @@ def test_a_row_waits_for_the_one_it_begins_with(job: Job, folders: Folders):
 
 def test_rows_come_once_and_after_those_they_begin_with():
     jobs = jobs_of(["mvs_unet", "unet_r34", "unet_r50"], ROOMS)
-    assert [job.name for job in jobs if job.needs_weights] == ["unet_r34_rooms-0"]
     names = [job.name for job in jobs]
     assert names == [
         "unet_r34_rooms-0",
@@ -199,21 +199,52 @@ def test_results_of_fewer_steps_are_not_enough(job: Job, folders: Folders):
     assert is_done(job, folders)
     path.write_text(json.dumps(replace(page, steps=2, data="rooms:test:0-1").__dict__))
     assert not is_done(job, folders), "the row is scored on other data by now"
-    for part, setting in (("data", "train"), ("data", "references"), ("train", "batch_size")):
+    decisive = [("data", "train"), ("data", "references"), ("data", "size"), ("optimizer", "lr")]
+    decisive += [("train", "batch_size"), ("loss", "beta"), ("model", "tuned_blocks")]
+    for part, setting in decisive:
         other = {**page.experiment, part: {**page.experiment[part], setting: "another"}}
         path.write_text(json.dumps(replace(page, steps=2, experiment=other).__dict__))
         assert not is_done(job, folders), f"{setting} of the row is another by now"
+    for part, setting in (("data", "workers"), ("optimizer", "steps"), ("train", "seed")):
+        other = {**page.experiment, part: {**page.experiment[part], setting: "another"}}
+        path.write_text(json.dumps(replace(page, steps=2, experiment=other).__dict__))
+        assert is_done(job, folders), f"{setting} says nothing of what was learned"
 
 
-def test_a_row_that_another_begins_with_is_done_while_its_weights_are_there(
-    job: Job, folders: Folders
-):
-    path = result_path(folders.results, "small", 1)
-    path.parent.mkdir(parents=True)
-    path.write_text(json.dumps(replace(result_of(job.run, seed=1), steps=2).__dict__))
-    needed = replace(job, needs_weights=True)
-    assert is_done(job, folders) and not is_done(needed, folders)
+def note_done(job: Job, folders: Folders) -> None:
+    page = replace(result_of(job.run, seed=job.seed), steps=job.steps)
+    write_result(folders.results, page)
+
+
+def note_weights(job: Job, folders: Folders) -> None:
     weights = folders.weights(job.run, job.seed)
     weights.parent.mkdir(parents=True)
     weights.touch()
+
+
+def test_a_row_that_is_shown_in_pictures_is_done_while_its_weights_are_there(
+    job: Job, folders: Folders
+):
+    note_done(job, folders)
+    needed = replace(job, needs_weights=True)
+    assert is_done(job, folders) and not is_done(needed, folders)
+    note_weights(job, folders)
     assert is_done(needed, folders)
+
+
+def test_a_row_is_trained_again_for_its_weights_while_another_is_to_begin_with_them(
+    job: Job, folders: Folders
+):
+    first = replace(job, seed=0)
+    row = replace(job.run.row, name="later", after=job.run.row.name)
+    experiment = replace(job.run.experiment, name="later")
+    later = replace(job, run=replace(job.run, row=row, experiment=experiment))
+    jobs = [first, later]
+    assert is_left(first, jobs, folders)
+    note_done(first, folders)
+    assert is_left(first, jobs, folders), "its result is there, its weights are not"
+    note_weights(first, folders)
+    assert not is_left(first, jobs, folders) and is_left(later, jobs, folders)
+    folders.weights(first.run, 0).unlink()
+    note_done(later, folders)
+    assert not is_left(first, jobs, folders), "nothing is to begin with it any more"

@@ -34,7 +34,7 @@ class Table:
     train: bool = False
     """Train and score what is missing before the table is shown."""
     rows: tuple[str, ...] = ()
-    """Train these rows of the table alone."""
+    """Train these rows alone; names of the table's first column."""
     steps: int | None = None
     """Steps of every row that is trained, as on a GPU; each row's own where it is not given."""
     seeds: int | None = None
@@ -61,10 +61,21 @@ class Table:
         folders = Folders(results=self.results / "runs")
         if self.train:
             self._train(folders)
+        else:
+            self._check_shown_only()
         if self.number == 6:
             self._show_pictures(folders)
         else:
             self._show()
+
+    def _check_shown_only(self) -> None:
+        """InputError for options that would be passed over in silence."""
+        if self.rows or self.steps or self.seeds or self.accelerator != "auto":
+            raise InputError(
+                "--rows, --steps, --seeds and --accelerator say how to train: add --train."
+            )
+        if self.results != Path("results") and not self.results.is_dir():
+            raise InputError(f"{self.results}: no such folder, so nothing is measured there.")
 
     def _train(self, folders: Folders) -> None:
         from mvsam.experiments.row_training import jobs_of, train_jobs
@@ -83,7 +94,7 @@ class Table:
             chosen,
             BUDGETS[self.data],
             self.steps,
-            self.seeds,
+            self.seeds or (1 if self.number == 6 else None),  # whose pictures it shows
             self.accelerator,
             needs_weights=self.number == 6,
         )
@@ -100,7 +111,7 @@ class Table:
         table = TABLES[self.number]
         lines = lines_of(table, self.data, self.results)
         if self.figure:
-            draw_bars(table, self.data, lines, self.figure)
+            draw_bars(table, lines, self.figure)
         if self.json:
             print_json(as_json(table, self.data, lines))
         elif self.csv:

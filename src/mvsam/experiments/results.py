@@ -86,8 +86,7 @@ class Measured:
 def read_measured(folder: Path, run: RowRun) -> Measured | None:
     """The seeds that were trained longest; None where there is none.
 
-    What was trained or scored on other data than the row's, in other batches or otherwise does not
-    count.
+    What was trained or scored with other settings than the row's does not count.
     """
     name = run.experiment.name
     paths = sorted(folder.glob(f"{name}-*.json"))
@@ -95,8 +94,7 @@ def read_measured(folder: Path, run: RowRun) -> Measured | None:
     for path, result in results.items():
         if not is_of_row(result, run):
             log.warning(
-                "%s: was trained on other data or in other batches than the row is, or scored "
-                "otherwise; it is left out.",
+                "%s: was trained or scored with other settings than the row is; it is left out.",
                 path,
             )
     found = [result for result in results.values() if is_of_row(result, run)]
@@ -107,18 +105,32 @@ def read_measured(folder: Path, run: RowRun) -> Measured | None:
 
 
 def is_of_row(result: Result, run: RowRun) -> bool:
-    """Whether it learned from the row's data in the row's batches and was scored as the row is."""
+    """Whether it was trained and scored as the row is."""
     scored_on = (result.run, result.data, result.protocol, result.views)
     expected = (run.experiment.name, run.scored_on, run.protocol, run.views)
     return scored_on == expected and is_trained_as(result.experiment, run.experiment)
 
 
+_OF_NO_ACCOUNT = {"steps", "num_classes", "semantic_encoder", "val", "cache", "workers"}
+"""Settings of a row's run that may differ: length, of which it must have enough; what training
+fills in; where an encoder's weights lie, as a result says which they were (`Result.weights`); what
+is only watched; where and by whom pictures are read."""
+
+
 def is_trained_as(recorded: dict[str, Any], experiment: Experiment) -> bool:
-    """Whether recorded settings say the same data and the same batches."""
-    data, train = recorded.get("data", {}), recorded.get("train", {})
-    learned_from = (data.get("train"), data.get("references"), train.get("batch_size"))
-    wanted = experiment.data
-    return learned_from == (wanted.train, wanted.references, experiment.train.batch_size)
+    """Whether recorded settings are those that decide what is learned, but for its length.
+
+    Settings that were not there yet when it was trained do not count.
+    """
+    wanted = experiment.as_json()
+    if recorded.get("train", {}).get("batch_size") != wanted["train"]["batch_size"]:
+        return False
+    return all(
+        recorded[part].get(name, value) == value
+        for part in ("model", "data", "loss", "optimizer")
+        for name, value in wanted[part].items()
+        if name not in _OF_NO_ACCOUNT
+    )
 
 
 def together(results: Sequence[Result]) -> Measured:

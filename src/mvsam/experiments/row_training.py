@@ -55,7 +55,7 @@ class Job:
     steps: int
     accelerator: str = "auto"
     needs_weights: bool = False
-    """Done only while its weights are there: another row begins with them, or they are shown."""
+    """Done only while its weights are there, as they are shown."""
 
     @property
     def name(self) -> str:
@@ -91,10 +91,18 @@ def jobs_of(
             needed.insert(0, (runs[run.row.after], 0))
         for each, seed in needed:
             length = steps or each.experiment.optimizer.steps
-            job = Job(each, seed, length, accelerator, needs_weights or each is not run)
-            if job.needs_weights or job.name not in jobs:
-                jobs[job.name] = job
+            job = Job(each, seed, length, accelerator, needs_weights)
+            jobs.setdefault(job.name, job)
     return list(jobs.values())
+
+
+def is_left(job: Job, jobs: Sequence[Job], folders: Folders) -> bool:
+    """Whether it is to be done: it is not, or its weights are gone with which others begin."""
+    if not is_done(job, folders):
+        return True
+    name, is_first = job.run.row.name, job.seed == 0
+    waiting = [j for j in jobs if is_first and j.run.row.after == name and not is_done(j, folders)]
+    return bool(waiting) and not folders.weights(job.run, job.seed).exists()
 
 
 def is_done(job: Job, folders: Folders) -> bool:
@@ -143,7 +151,7 @@ def train_jobs(
     elsewhere: list[Job] = []
     for number, job in enumerate(jobs, start=1):
         place = f"{number} of {len(jobs)}: {job.name}"
-        if is_done(job, folders):
+        if not is_left(job, jobs, folders):
             announce(f"{place} is done")
             continue
         with claim(job, folders) as is_ours:
@@ -177,7 +185,7 @@ def _check_leftover(page: Path, job: Job) -> None:
     """InputError where the folder holds the row as it was trained when it was another."""
     if page.exists() and not is_trained_as(json.loads(page.read_text()), job.experiment):
         raise InputError(
-            f"{page.parent} was trained on other data or in other batches than the row "
+            f"{page.parent} was trained with other settings than the row "
             f"{job.run.row.name} is now: remove or rename that folder, and it is trained anew."
         )
 

@@ -21,7 +21,12 @@ ASSETS = Path(__file__).parents[1] / "assets"
 
 def embedded() -> list[str]:
     """Names of the models whose weights come with the package."""
-    return sorted(path.stem for path in ASSETS.glob("*.safetensors"))
+    return sorted(path.stem for path in ASSETS.glob("*.safetensors") if _has_page(path))
+
+
+def _has_page(path: Path) -> bool:
+    """A part of a model, as the rows' encoder, has none."""
+    return path.with_suffix(".json").exists()
 
 
 def load(name: str) -> Model:

@@ -30,7 +30,7 @@ def test_bars_are_drawn_with_some_rows_missing(number: int, tmp_path: Path):
     write_seeds(tmp_path / "runs", BUDGETS["rooms"]["cas_mvsnet"], abs=[0.2, 0.3], rel=[0.1, 0.2])
     write_seeds(tmp_path / "runs", BUDGETS["rooms"]["segnet"], 600, miou=[0.1])
     lines = lines_of(TABLES[number], "rooms", tmp_path)
-    draw_bars(TABLES[number], "rooms", lines, tmp_path / "new" / "bars.png")
+    draw_bars(TABLES[number], lines, tmp_path / "new" / "bars.png")
     colors = np.unique(np.array(Image.open(tmp_path / "new" / "bars.png").convert("RGB")))
     assert len(colors) > 10
 
@@ -38,7 +38,7 @@ def test_bars_are_drawn_with_some_rows_missing(number: int, tmp_path: Path):
 def test_a_figure_in_an_unknown_form_is_refused(tmp_path: Path):
     lines = lines_of(TABLES[3], "rooms", tmp_path)
     with pytest.raises(InputError, match=r"bars\.xyz must end in one of: .*png"):
-        draw_bars(TABLES[3], "rooms", lines, tmp_path / "bars.xyz")
+        draw_bars(TABLES[3], lines, tmp_path / "bars.xyz")
     assert not list(tmp_path.iterdir())
 
 

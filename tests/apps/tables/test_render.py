@@ -23,6 +23,7 @@ def results(tmp_path: Path) -> Path:
     write_seeds(tmp_path / "runs", ROOMS["cas_mvsnet"], abs=[0.2, 0.3, 0.4], rel=[0.1, 0.1, 0.1])
     write_seeds(tmp_path / "runs", ROOMS["mvs2d"], 600, abs=[0.5], rel=[0.25])
     speed = {"model": "mvs2d", "views": 3, "seconds": 0.25, "device": "a processor"}
+    speed |= {"threads": 2, "precision": "bfloat16"}
     methods = [speed | {"working_mib": 100.0, "weights_mib": 60.0}]
     (tmp_path / "speed.json").write_text(json.dumps({"methods": methods}))
     return tmp_path
@@ -87,7 +88,7 @@ def test_json_says_what_every_figure_rests_on(lines: dict[str, Line]):
     assert mvs2d["deviation"] == {"abs": None, "rel": None}
     assert (mvs2d["steps"], mvs2d["pictures"], mvs2d["enough_pictures"]) == (50, 600, 4800)
     assert (mvs2d["data"], mvs2d["protocol"]) == ("rooms:test:0-60", "half")
-    assert mvs2d["speed_device"] == "a processor" and mvs2d["parameters"] == 14_852_849
+    assert (mvs2d["speed_device"], mvs2d["parameters"]) == ("a processor, 2 threads", 14_852_849)
 
 
 def test_without_any_result_every_row_is_missing(tmp_path: Path):

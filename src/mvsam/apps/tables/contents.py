@@ -1,6 +1,7 @@
 """What stands in a table: for each row the published, the measured, and what either rests on."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ class Speed:
     mib: float
     """Peak memory, weights included."""
     device: str
+    precision: str
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def lines_of(table: Table, budget: Budget, results: Path) -> list[Line]:
     return [_line(row, BUDGETS[budget][row.run], results, speeds) for row in table.rows]
 
 
-def _line(row: TableRow, run: RowRun, results: Path, speeds: dict[str, Speed]) -> Line:
+def _line(row: TableRow, run: RowRun, results: Path, speeds: dict[tuple[str, int], Speed]) -> Line:
     model = run.experiment.model.name
     try:
         parameters = count_parameters(model)
@@ -70,23 +72,22 @@ def _line(row: TableRow, run: RowRun, results: Path, speeds: dict[str, Speed]) -
         run,
         read_measured(results / "runs", run),
         parameters,
-        speeds.get(speed_key(model, run.experiment.data.num_views)),
+        speeds.get((model, run.experiment.data.num_views)),
     )
 
 
-def speed_key(model: str, num_views: int) -> str:
-    return f"{model} {num_views}"
-
-
-def read_speeds(path: Path) -> dict[str, Speed]:
-    """By `speed_key`; empty where nothing was measured."""
+def read_speeds(path: Path) -> dict[tuple[str, int], Speed]:
+    """By model and number of views; empty where nothing was measured."""
     if not path.exists():
         return {}
     try:
         content: dict[str, Any] = json.loads(path.read_text())
         return {
-            speed_key(one["model"], one["views"]): Speed(
-                one["seconds"], one["working_mib"] + one["weights_mib"], one["device"]
+            (one["model"], one["views"]): Speed(
+                one["seconds"],
+                one["working_mib"] + one["weights_mib"],
+                f"{one['device']}, {one['threads']} threads",
+                one["precision"],
             )
             for one in content["methods"]
         }
@@ -97,12 +98,14 @@ def read_speeds(path: Path) -> dict[str, Speed]:
         ) from error
 
 
-def heading(table: Table, budget: Budget, lines: list[Line]) -> list[str]:
-    """What the figures are, in sentences: title, data and protocol, remarks."""
+def title_of(table: Table) -> str:
+    return f"Table {table.number}: {table.title}"
+
+
+def remarks_of_all(budget: Budget, lines: Sequence[Line]) -> list[str]:
+    """What the figures of any table are, in sentences: data, protocol, budget, speed."""
     run = lines[0].run
-    short = [line for line in lines if line.measured and not line.has_full_budget]
     sentences = [
-        f"Table {table.number}: {table.title}",
         "Published: the paper, on ScanNet. Measured: mean and standard deviation over seeds on "
         f"{run.scored_on}, protocol {run.protocol}; trained on {run.experiment.data.train}.",
     ]
@@ -113,18 +116,22 @@ def heading(table: Table, budget: Budget, lines: list[Line]) -> list[str]:
         )
         sentences.append(
             f"Full budget: {run.enough:,} pictures, {run.experiment.train.batch_size} rooms a "
-            "step, after which losses still fall. Rows with SAM begin with the encoder of `tiny`, "
+            "step, after which losses still fall. Rows with SAM begin with an encoder of `tiny`, "
             "which has learned depth and these classes from other rooms."
         )
-    device = next((line.speed.device for line in lines if line.speed), None)
-    if device is not None:
+    speed = next((line.speed for line in lines if line.speed), None)
+    if speed is not None:
         sentences.append(
             "s, MiB: one prediction at 320x256 with as many views as the row has, weights "
-            f"included; random weights, {device}, benchmarks/methods.py."
+            f"included; random weights, {speed.precision}, {speed.device}, benchmarks/methods.py."
         )
-    if table.note:
-        sentences.append(table.note)
-    if short:
+    return sentences
+
+
+def remarks_of_one(table: Table, lines: Sequence[Line]) -> list[str]:
+    """What must be known of this table beside."""
+    sentences = [table.note] if table.note else []
+    if any(line.measured and not line.has_full_budget for line in lines):
         sentences.append(
             "Rows that are not converged had too few pictures; they show that the method runs, "
             "and nothing is to be concluded from their scores."

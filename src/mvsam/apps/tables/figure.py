@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mvsam.apps.tables.contents import Line, heading
+from mvsam.apps.tables.contents import Line, title_of
 from mvsam.apps.tables.render import TITLES
 from mvsam.errors import InputError, MissingExtraError
-from mvsam.experiments.rows import Budget
 from mvsam.experiments.tables import Table
 from mvsam.files import write_whole
 
@@ -26,7 +25,7 @@ def pyplot() -> Any:
     return pyplot
 
 
-def draw_bars(table: Table, budget: Budget, lines: Sequence[Line], path: Path) -> None:
+def draw_bars(table: Table, lines: Sequence[Line], path: Path) -> None:
     """One panel a metric, one pair of bars a row; hatched: too few pictures, no claim."""
     plt = pyplot()
     height = 1.2 + 0.42 * len(lines)
@@ -38,7 +37,9 @@ def draw_bars(table: Table, budget: Budget, lines: Sequence[Line], path: Path) -
         [axes] if len(table.metrics) == 1 else axes, table.metrics, strict=True
     ):
         _panel(axis, metric, lines)
-    figure.suptitle(heading(table, budget, list(lines))[0], fontsize=10)
+    figure.suptitle(title_of(table), fontsize=10)
+    legend = "bars: mean and deviation over seeds; hatched: too few pictures, no claim"
+    figure.supxlabel(legend, fontsize=7)
     save(figure, path)
     plt.close(figure)
 

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,12 +9,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from mvsam.apps.tables.contents import Line, heading
+from mvsam.apps.tables.contents import Line, remarks_of_all, remarks_of_one, title_of
 from mvsam.experiments.rows import Budget
 from mvsam.experiments.tables import Table
 
 TITLES = {"abs": "Abs cm", "rel": "Rel %", "rmse": "RMSE cm", "miou": "mIoU %"}
 NOTHING = "-"
+TEXT_WIDTH = 230
+"""Characters that the widest table needs."""
 
 
 @dataclass(frozen=True)
@@ -25,23 +26,25 @@ class Column:
     title: str
     cell: Callable[[Line], str]
     is_text: bool = False
+    may_wrap: bool = False
 
 
 def columns_of(table: Table) -> list[Column]:
     """Published beside measured for every metric, then what the figures rest on."""
     scores = [column for metric in table.metrics for column in _scores(metric)]
     return [
+        Column("row", lambda line: line.row.run, is_text=True),
         Column("method", lambda line: line.row.method, is_text=True),
         Column("input", lambda line: line.row.modality, is_text=True),
         Column("views", lambda line: str(line.row.views)),
         *scores,
         Column("steps", lambda line: f"{line.measured.steps:,}" if line.measured else NOTHING),
         Column("seeds", _seeds),
-        Column("begins with", _weights, is_text=True),
+        Column("begins with", _weights, is_text=True, may_wrap=True),
         Column("parameters", lambda line: f"{line.parameters:,}" if line.parameters else NOTHING),
         Column("s", lambda line: f"{line.speed.seconds:.2f}" if line.speed else NOTHING),
         Column("MiB", lambda line: f"{line.speed.mib:.0f}" if line.speed else NOTHING),
-        Column("state", lambda line: line.state, is_text=True),
+        Column("state", lambda line: line.state, is_text=True, may_wrap=True),
     ]
 
 
@@ -81,25 +84,33 @@ def _weights(line: Line) -> str:
 
 def as_text(table: Table, budget: Budget, lines: list[Line]) -> TextTable:
     """For the terminal; remarks are its caption."""
-    title, *remarks = heading(table, budget, lines)
     columns = columns_of(table)
-    text = TextTable(title=title, caption="\n".join(remarks), caption_justify="left")
+    remarks = [*remarks_of_all(budget, lines), *remarks_of_one(table, lines)]
+    text = TextTable(title=title_of(table), caption="\n".join(remarks), caption_justify="left")
     for column in columns:
-        text.add_column(column.title, justify="left" if column.is_text else "right")
+        title = column.title.replace(" published", "\npublished").replace(" measured", "\nmeasured")
+        justify = "left" if column.is_text else "right"
+        text.add_column(title, justify=justify, no_wrap=not column.may_wrap)
     for line in lines:
         text.add_row(*(column.cell(line) for column in columns))
     return text
 
 
 def print_text(table: Table, budget: Budget, lines: list[Line]) -> None:
-    """On stdout, as wide as the terminal."""
-    width = None if sys.stdout.isatty() else 200
+    """On stdout, wide enough that no figure is cut: a narrower terminal scrolls or wraps."""
     # Without emoji: ":train:" in the name of the data would become a tram.
-    Console(width=width, emoji=False, markup=False).print(as_text(table, budget, lines))
+    console = Console(emoji=False, markup=False)
+    console.width = max(console.width, TEXT_WIDTH)
+    console.print(as_text(table, budget, lines), soft_wrap=False)
 
 
 def as_markdown(table: Table, budget: Budget, lines: list[Line]) -> str:
-    title, *remarks = heading(table, budget, lines)
+    """A table that stands alone."""
+    return grid_of(table, lines) + "\n" + "\n\n".join(remarks_of_all(budget, lines)) + "\n"
+
+
+def grid_of(table: Table, lines: list[Line]) -> str:
+    """Title, grid and what must be known of this table, as Markdown."""
     columns = columns_of(table)
     rows = [
         [column.title for column in columns],
@@ -107,7 +118,7 @@ def as_markdown(table: Table, budget: Budget, lines: list[Line]) -> str:
         *([column.cell(line) for column in columns] for line in lines),
     ]
     grid = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    return f"**{title}**\n\n" + "\n\n".join([grid, *remarks]) + "\n"
+    return "\n\n".join([f"**{title_of(table)}**", grid, *remarks_of_one(table, lines)]) + "\n"
 
 
 def as_csv(table: Table, lines: Sequence[Line]) -> str:
@@ -164,5 +175,6 @@ def _record(line: Line, table: Table) -> dict[str, Any]:
         "seconds": line.speed.seconds if line.speed else None,
         "mib": line.speed.mib if line.speed else None,
         "speed_device": line.speed.device if line.speed else None,
+        "speed_precision": line.speed.precision if line.speed else None,
         "state": line.state,
     }
