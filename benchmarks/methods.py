@@ -16,7 +16,6 @@ import torch
 
 from mvsam.apps.bench.cases import Case, check_case
 from mvsam.apps.bench.measure import run_case
-from mvsam.apps.tables.contents import speed_key
 from mvsam.commands.shared import find_device
 from mvsam.experiments.runs import BUDGETS
 from mvsam.files import write_json
@@ -24,11 +23,18 @@ from mvsam.precision import resolve
 from mvsam.provenance import provenance
 
 
-def methods() -> dict[str, tuple[str, int]]:
-    """(model, number of views) of every row under both budgets, each once, by `speed_key`."""
+Method = tuple[str, int]
+"""Model and number of views."""
+
+VARIANTS: tuple[Method, ...] = (("mvs2d_multiscale", 3), ("emsaformer_mlp", 1))
+"""Of methods of the tables, in no table themselves."""
+
+
+def methods() -> list[Method]:
+    """Of every row under both budgets, each once, and the variants."""
     rows = [run.experiment for runs in BUDGETS.values() for run in runs.values()]
-    pairs = [(row.model.name, row.data.num_views) for row in rows]
-    return {speed_key(*pair): pair for pair in pairs}
+    found = [(row.model.name, row.data.num_views) for row in rows]
+    return list(dict.fromkeys([*found, *VARIANTS]))
 
 
 def measured(model: str, num_views: int, device, repeats: int) -> dict:
@@ -51,11 +57,11 @@ def measured(model: str, num_views: int, device, repeats: int) -> dict:
     }
 
 
-def merge(old: dict[str, dict], new: dict) -> dict[str, dict]:
+def merge(old: dict[Method, dict], new: dict) -> dict[Method, dict]:
     """The entries with one more; those of other devices go, as they cannot be compared."""
     place = ("device", "ran_on", "threads")
     kept = {k: entry for k, entry in old.items() if all(entry[p] == new[p] for p in place)}
-    return kept | {speed_key(new["model"], new["views"]): new}
+    return kept | {(new["model"], new["views"]): new}
 
 
 def main() -> None:
@@ -66,17 +72,15 @@ def main() -> None:
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     arguments = parser.parse_args()
     device = find_device(arguments.device)
-    entries: dict[str, dict] = {}
+    entries: dict[Method, dict] = {}
     if arguments.out.exists():
         for entry in json.loads(arguments.out.read_text())["methods"]:
-            entries[speed_key(entry["model"], entry["views"])] = entry
-    chosen = [
-        pair for pair in methods().values() if not arguments.models or pair[0] in arguments.models
-    ]
+            entries[entry["model"], entry["views"]] = entry
+    chosen = [pair for pair in methods() if not arguments.models or pair[0] in arguments.models]
     for model, num_views in chosen:
         entries = merge(entries, measured(model, num_views, device, arguments.repeats))
         write_json(arguments.out, {"methods": list(entries.values())})
-        report(entries[speed_key(model, num_views)])
+        report(entries[model, num_views])
 
 
 def report(entry: dict) -> None:

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from mvsam.build import ASSEMBLIES, MODELS, build, count_parameters, model_spec
+from mvsam.build import ASSEMBLIES, MODELS, Inputs, build, count_parameters, model_spec
 from mvsam.errors import InputError
 from mvsam.model import MultiViewSAM
 
@@ -67,7 +67,7 @@ def test_tasks_are_those_of_the_assembly(name: str):
 @pytest.mark.parametrize("name", MODELS)
 def test_a_model_knows_whether_it_reads_measured_depth(name: str):
     with torch.device("meta"):
-        assert build(name).reads_depth == ("measured depth" in model_spec(name).inputs)
+        assert build(name).reads_depth == (model_spec(name).inputs is Inputs.RGBD)
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_and_all_others():

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import torch
 
-from mvsam.build import ASSEMBLIES, MODELS
+from mvsam.build import ASSEMBLIES, MODELS, Inputs
 from mvsam.model import Features, MultiViewSAM
 from mvsam.training.losses import JointLoss
 from mvsam.types import Prediction, Views
@@ -40,7 +40,7 @@ def evaluated():
 
 
 def views_for(name: str, **options) -> Views:
-    return random_views(measured="measured" in MODELS[name].inputs, **options)
+    return random_views(measured=MODELS[name].inputs is Inputs.RGBD, **options)
 
 
 def predict(model: MultiViewSAM, views: Views) -> Prediction:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
+from enum import StrEnum
 from functools import partial
 from inspect import signature
 
@@ -49,6 +50,14 @@ from mvsam.errors import InputError
 from mvsam.types import Model
 
 
+class Inputs(StrEnum):
+    """What a model looks at."""
+
+    VIEWS = "posed RGB views"
+    PICTURE = "one RGB view"
+    RGBD = "one RGB view and measured depth"
+
+
 @dataclass(frozen=True)
 class ModelSpec:
     """What a name stands for."""
@@ -57,14 +66,13 @@ class ModelSpec:
     build: Callable[..., Model]
     """Takes `num_classes`; the rows with SAM also `tuned_blocks`, others `imagenet`."""
     paper_row: str
-    inputs: str
+    inputs: Inputs
     tasks: tuple[str, ...]
     input_size: tuple[int, int] = (320, 256)
     """(width, height) the model works at, pixels."""
 
 
-_VIEWS, _PICTURE = "posed RGB views", "one RGB view"
-_RGBD = "one RGB view and measured depth"
+_VIEWS, _PICTURE, _RGBD = Inputs.VIEWS, Inputs.PICTURE, Inputs.RGBD
 _BOTH, _DEPTH, _LABELS = ("depth", "semantics"), ("depth",), ("semantics",)
 _ASSEMBLIES = (
     ModelSpec("base", base, "Tables 1-5: Ours, full", _VIEWS, _BOTH),

@@ -13,7 +13,7 @@ from mvsam.apps.bench.forms import FORMS, our_model, repeat_all, share_features,
 from mvsam.apps.bench.measure import Measurement, measure, run_case
 from mvsam.apps.bench.report import ratios, tables
 from mvsam.apps.bench.scaling import cases_along, fit_line
-from mvsam.build import MODELS
+from mvsam.build import MODELS, Inputs
 from mvsam.commands.bench import Bench
 from mvsam.errors import InputError
 from tests.small import small_model
@@ -184,7 +184,7 @@ def test_views_bring_measured_depth_where_the_model_reads_it(name: str):
     case = replace(SMALL, model=name)
     check_case(case)
     views, targets = synthetic_views(case), synthetic_targets(case)
-    assert (views.measured_depth is not None) == ("measured depth" in MODELS[name].inputs)
+    assert (views.measured_depth is not None) == (MODELS[name].inputs is Inputs.RGBD)
     assert targets.depth.shape == (1, 64, 64)
 
 

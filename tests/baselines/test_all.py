@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torchvision.ops import StochasticDepth
 
-from mvsam.build import ASSEMBLIES, MODELS, build
+from mvsam.build import ASSEMBLIES, MODELS, Inputs, build
 from mvsam.convolution import fold_batch_norm
 from mvsam.types import DepthPrior, DepthStage, Model, Prediction, Views
 from tests.small import random_views, shuffle_statistics, small_model
@@ -34,7 +34,7 @@ def small(name: str, seed: int = 0) -> Model:
 
 
 def views_for(name: str) -> Views:
-    measured = "measured" in MODELS[name].inputs
+    measured = MODELS[name].inputs is Inputs.RGBD
     return random_views(batch=2, height=HEIGHT, width=WIDTH, measured=measured)
 
 

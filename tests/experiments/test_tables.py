@@ -2,7 +2,7 @@ import re
 
 import pytest
 
-from mvsam.build import model_spec
+from mvsam.build import Inputs, model_spec
 from mvsam.experiments.runs import BUDGETS
 from mvsam.experiments.tables import METRICS, PICTURE_SCENES, TABLES, runs_of
 
@@ -31,8 +31,8 @@ def test_a_row_publishes_the_metrics_of_its_table_that_its_model_can_have(number
         tasks = {"semantics" if metric == "miou" else "depth" for metric in row.published}
         assert tasks <= set(spec.tasks), row.method
         assert set(row.published) <= set(table.metrics)
-        assert (row.modality == "RGB-D") == ("measured" in spec.inputs), row.method
-        assert (row.views > 1) == ("posed" in spec.inputs), row.method
+        assert (row.modality == "RGB-D") == (spec.inputs is Inputs.RGBD), row.method
+        assert (row.views > 1) == (spec.inputs is Inputs.VIEWS), row.method
 
 
 def test_views_of_a_row_are_those_it_is_trained_with():

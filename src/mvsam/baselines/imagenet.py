@@ -7,7 +7,7 @@ from jaxtyping import Float
 from timm.models import load_state_dict
 from torch import Tensor, nn
 
-from mvsam.encoders.sam import IMAGE_MEAN, IMAGE_STD
+from mvsam.encoders.unet import normalize
 from mvsam.errors import InputError
 from mvsam.types import Views
 
@@ -24,9 +24,7 @@ def reference_image(views: Views, divisor: int = 1) -> Float[Tensor, "batch 3 he
         raise ValueError(
             f"image sides must be divisible by {divisor}, not {views.width} x {views.height}"
         )
-    image = views.images[:, 0]
-    mean, std = (image.new_tensor(values)[:, None, None] for values in (IMAGE_MEAN, IMAGE_STD))
-    return (image - mean) / std
+    return normalize(views.images[:, 0])
 
 
 def load_imagenet(

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from mvsam.build import model_spec
+from mvsam.build import Inputs, model_spec
 from mvsam.convolution import fold_batch_norm
 from mvsam.data.labels import SCANNET20
 from mvsam.errors import InputError, MissingExtraError
@@ -92,14 +92,14 @@ def _example_inputs(model: Model, size: tuple[int, int]) -> dict[str, Tensor]:
     """Inputs of the right shapes; tracing does not look at their values."""
     width, height = size
     kind = model_spec(model.info.model).inputs
-    num_views = 3 if "posed" in kind else 1
+    num_views = 3 if kind is Inputs.VIEWS else 1
     inputs = {
         "images": torch.zeros(1, num_views, 3, height, width),
         "intrinsics": torch.eye(3).repeat(1, num_views, 1, 1),
         "world_from_cam": torch.eye(4).repeat(1, num_views, 1, 1),
         "depth_range": torch.tensor([model.info.depth_range]),
     }
-    if "measured depth" in kind:
+    if kind is Inputs.RGBD:
         inputs["measured_depth"] = torch.ones(1, height, width)
     if model.semantic_size is not None:
         width, height = model.semantic_size

@@ -5,7 +5,7 @@ from typing import Literal
 
 import torch
 
-from mvsam.build import ASSEMBLIES, model_spec
+from mvsam.build import ASSEMBLIES, Inputs, model_spec
 from mvsam.errors import InputError
 from mvsam.types import Targets, Views
 
@@ -62,7 +62,7 @@ def most_references(model: str, num_views: int) -> int:
 
 
 def _reads_depth(model: str) -> bool:
-    return "measured depth" in model_spec(model).inputs
+    return model_spec(model).inputs is Inputs.RGBD
 
 
 def synthetic_views(case: Case) -> Views:
