@@ -21,9 +21,9 @@ from mvsam.provenance import commit
 def page(budget, results: Path) -> str:
     """Markdown."""
     verdicts = [judge(claim, BUDGETS[budget], results / "runs") for claim in CLAIMS]
-    tables = {table: lines_of(table, budget, results) for table in TABLES.values()}
-    remarks = remarks_of_all(budget, next(iter(tables.values())))
-    grids = [grid_of(table, lines) for table, lines in tables.items()]
+    tables = [(table, lines_of(table, budget, results)) for table in TABLES.values()]
+    remarks = remarks_of_all(budget, tables[0][1])
+    grids = [grid_of(table, lines) for table, lines in tables]
     head = f"""# The tables of the paper
 
 Made by `python benchmarks/claims.py --data {budget}` at commit {commit()}. How the rows are trained

@@ -22,7 +22,6 @@ from mvsam.files import write_json
 from mvsam.precision import resolve
 from mvsam.provenance import provenance
 
-
 Method = tuple[str, int]
 """Model and number of views."""
 

@@ -13,9 +13,12 @@ import pytest
 
 import mvsam
 from mvsam import weights
+from mvsam.apps.tables.contents import lines_of
+from mvsam.apps.tables.render import measured_text
 from mvsam.build import build
 from mvsam.cli import main
 from mvsam.experiments.runs import RUNS
+from mvsam.experiments.tables import TABLES
 from tests.synthetic import write_posed_folder
 
 ROOT = Path(__file__).parents[1]
@@ -181,6 +184,26 @@ def test_every_explained_message_is_one_of_ours():
     assert len(quotes) > 30
     for quote in quotes:
         assert quote in texts
+
+
+def test_the_page_of_tables_says_what_the_results_say():
+    claims = runpy.run_path(str(ROOT / "benchmarks" / "claims.py"))
+    made, written = claims["page"]("rooms", ROOT / "results"), (ROOT / "docs/tables.md").read_text()
+    without_commit = [re.sub(r"at commit \w+\+?", "", text) for text in (made, written)]
+    assert without_commit[0] == without_commit[1], "make it anew: see the page's first line"
+
+
+def test_the_rows_in_the_readme_are_those_of_the_results():
+    rows = re.findall(r"^\|[^|]*\(`(\w+)`\) \|(.*)\|$", (ROOT / "README.md").read_text(), re.M)
+    lines = {line.row.run: line for line in lines_of(TABLES[5], "rooms", ROOT / "results")}
+    assert len(rows) == 5
+    for name, cells in rows:
+        figures = [
+            (measured_text(lines[name], metric), unit)
+            for metric, unit in (("abs", " cm"), ("rel", " %"), ("miou", " %"))
+        ]
+        expected = ["" if figure == "-" else figure + unit for figure, unit in figures]
+        assert [cell.strip() for cell in cells.split("|")] == expected, name
 
 
 def test_the_folder_shown_is_the_sample_room():

@@ -61,7 +61,8 @@ MVS2D = Recipe(
     epochs=30,
     color_jitter=0.1,
 )
-"""Its own settings for ScanNet (the paper: "with its own"); it jitters brightness, contrast,
+"""Its own settings for ScanNet (the paper: "with its own"), but for the pictures: 320x256 as all
+rows, where its own are 640x480; it jitters brightness, contrast,
 saturation and hue of every other picture, ours exposure, white balance, contrast and gamma of each.
 """
 

@@ -112,7 +112,8 @@ _TABLES = (
             ("Ours, full", "base"),
             ("Ours, full", "base_5_views"),
         ),
-        "The figures published for MVS2D are those of its authors, under their own protocol.",
+        "The figures published for MVS2D are those of its authors, under their own protocol, "
+        "`mvsam eval --protocol mvs2d`, at 640x480.",
     ),
     _table(
         2,

@@ -61,6 +61,17 @@ def test_text_has_every_method_the_data_and_the_protocol(lines: dict[str, Line],
     assert "nothing is to be concluded" in words and "from scratch" in words
 
 
+def test_a_narrow_terminal_gets_the_scores_and_is_told_of_the_rest(
+    lines: dict[str, Line], capsys, monkeypatch
+):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "100")
+    print_text(TABLE, "rooms", list(lines.values()))
+    text = capsys.readouterr().out
+    assert "30.0 +- 10.0" in text and "not converged" in text and "cas_mvsnet" in text
+    assert "parameters" not in text and "Some columns are left out" in text
+
+
 def test_markdown_is_a_grid_of_as_many_cells_a_line(lines: dict[str, Line]):
     grid = [x for x in as_markdown(TABLE, "rooms", list(lines.values())).splitlines() if "|" in x]
     assert len({line.count("|") for line in grid}) == 1 and len(grid) == 2 + len(TABLE.rows)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,8 +16,8 @@ from mvsam.experiments.tables import Table
 
 TITLES = {"abs": "Abs cm", "rel": "Rel %", "rmse": "RMSE cm", "miou": "mIoU %"}
 NOTHING = "-"
-TEXT_WIDTH = 230
-"""Characters that the widest table needs."""
+WIDE, NARROW = 230, 150
+"""Characters that the widest table needs, with all columns and without details."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class Column:
     cell: Callable[[Line], str]
     is_text: bool = False
     may_wrap: bool = False
+    is_detail: bool = False
+    """Left out on a terminal that is not wide enough."""
 
 
 def columns_of(table: Table) -> list[Column]:
@@ -34,16 +37,16 @@ def columns_of(table: Table) -> list[Column]:
     scores = [column for metric in table.metrics for column in _scores(metric)]
     return [
         Column("row", lambda line: line.row.run, is_text=True),
-        Column("method", lambda line: line.row.method, is_text=True),
-        Column("input", lambda line: line.row.modality, is_text=True),
+        Column("method", lambda line: line.row.method, is_text=True, is_detail=True),
+        Column("input", lambda line: line.row.modality, is_text=True, is_detail=True),
         Column("views", lambda line: str(line.row.views)),
         *scores,
         Column("steps", lambda line: f"{line.measured.steps:,}" if line.measured else NOTHING),
         Column("seeds", _seeds),
-        Column("begins with", _weights, is_text=True, may_wrap=True),
-        Column("parameters", lambda line: f"{line.parameters:,}" if line.parameters else NOTHING),
-        Column("s", lambda line: f"{line.speed.seconds:.2f}" if line.speed else NOTHING),
-        Column("MiB", lambda line: f"{line.speed.mib:.0f}" if line.speed else NOTHING),
+        Column("begins with", _weights, is_text=True, may_wrap=True, is_detail=True),
+        Column("parameters", _parameters, is_detail=True),
+        Column("s", _seconds, is_detail=True),
+        Column("MiB", _mib, is_detail=True),
         Column("state", lambda line: line.state, is_text=True, may_wrap=True),
     ]
 
@@ -76,16 +79,32 @@ def _seeds(line: Line) -> str:
     return " ".join(map(str, line.measured.seeds)) if line.measured else NOTHING
 
 
+def _parameters(line: Line) -> str:
+    return f"{line.parameters:,}" if line.parameters else NOTHING
+
+
+def _seconds(line: Line) -> str:
+    return f"{line.speed.seconds:.2f}" if line.speed else NOTHING
+
+
+def _mib(line: Line) -> str:
+    return f"{line.speed.mib:.0f}" if line.speed else NOTHING
+
+
 def _weights(line: Line) -> str:
     if line.measured is None:
         return NOTHING
     return "from scratch" if line.measured.weights == "random" else line.measured.weights
 
 
-def as_text(table: Table, budget: Budget, lines: list[Line]) -> TextTable:
+def as_text(table: Table, budget: Budget, lines: list[Line], details: bool = True) -> TextTable:
     """For the terminal; remarks are its caption."""
-    columns = columns_of(table)
+    columns = [column for column in columns_of(table) if details or not column.is_detail]
     remarks = [*remarks_of_all(budget, lines), *remarks_of_one(table, lines)]
+    if not details:
+        remarks.append(
+            f"Some columns are left out; {WIDE} characters, --markdown or --csv show all."
+        )
     text = TextTable(title=title_of(table), caption="\n".join(remarks), caption_justify="left")
     for column in columns:
         title = column.title.replace(" published", "\npublished").replace(" measured", "\nmeasured")
@@ -97,11 +116,12 @@ def as_text(table: Table, budget: Budget, lines: list[Line]) -> TextTable:
 
 
 def print_text(table: Table, budget: Budget, lines: list[Line]) -> None:
-    """On stdout, wide enough that no figure is cut: a narrower terminal scrolls or wraps."""
+    """On stdout, without details where the terminal is narrow; no figure is cut."""
     # Without emoji: ":train:" in the name of the data would become a tram.
     console = Console(emoji=False, markup=False)
-    console.width = max(console.width, TEXT_WIDTH)
-    console.print(as_text(table, budget, lines), soft_wrap=False)
+    is_narrow = sys.stdout.isatty() and console.width < WIDE
+    console.width = max(console.width, NARROW if is_narrow else WIDE)
+    console.print(as_text(table, budget, lines, details=not is_narrow))
 
 
 def as_markdown(table: Table, budget: Budget, lines: list[Line]) -> str:
