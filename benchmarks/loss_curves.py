@@ -149,7 +149,7 @@ def draw(models: dict[str, dict], path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--models", nargs="+", default=["cas_mvsnet", "tiny_base"])
+    parser.add_argument("--models", nargs="+", default=["cas_mvsnet", "tiny"])
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--batch-size", type=int, default=2, help="samples a step")
     parser.add_argument("--data", default="rooms:train:0-200", help="scenes to train on")
