@@ -69,11 +69,12 @@ def test_other_system_errors_stay_what_they_are(tmp_path: Path):
 
 def test_only_fragments_are_cleaned_up(tmp_path: Path):
     (tmp_path / "depth").mkdir()
-    (tmp_path / "depth/.0001.png.part").touch()
-    (tmp_path / "depth/0001.png").touch()
-    (tmp_path / "notes.part").touch()
+    (tmp_path / "depth/.0001.png.0123abcd.part").touch()
+    others = {"0001.png", "notes.part", ".download.part"}
+    for name in others:
+        (tmp_path / "depth" / name).touch()
     remove_partial_files(tmp_path)
-    assert {p.name for p in tmp_path.rglob("*") if p.is_file()} == {"0001.png", "notes.part"}
+    assert {p.name for p in tmp_path.rglob("*") if p.is_file()} == others
 
 
 def test_a_folder_that_refuses_files_is_named(tmp_path: Path, monkeypatch):

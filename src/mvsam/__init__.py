@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mvsam.data.formats import open_scene
+    from mvsam.inference.outputs import PhotoPrediction
     from mvsam.inference.photos import predict
     from mvsam.types import Frame, Prediction, Scene, Targets, Views
     from mvsam.weights import from_pretrained, load, push_to_hub, save
@@ -21,6 +22,7 @@ __version__ = version("mvsam")
 
 _HOMES = {
     "Frame": "mvsam.types",
+    "PhotoPrediction": "mvsam.inference.outputs",
     "Prediction": "mvsam.types",
     "Scene": "mvsam.types",
     "Targets": "mvsam.types",
@@ -35,6 +37,7 @@ _HOMES = {
 
 __all__ = [
     "Frame",
+    "PhotoPrediction",
     "Prediction",
     "Scene",
     "Targets",

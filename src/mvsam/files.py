@@ -6,6 +6,7 @@ Whoever reads a folder while we write, or after a crash, finds complete files or
 import errno
 import json
 import os
+import re
 import secrets
 import zipfile
 from collections.abc import Callable, Iterator
@@ -20,6 +21,7 @@ from mvsam.errors import InputError
 
 PARTIAL = ".part"
 """Ending of a file that is still being written."""
+_OF_WRITE_WHOLE = re.compile(rf"\..+\.[0-9a-f]{{8}}{re.escape(PARTIAL)}")
 
 
 class DiskFullError(RuntimeError):
@@ -82,9 +84,10 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Removes what a killed process left unfinished anywhere below `folder`."""
+    """Removes what a killed `write_whole` left unfinished anywhere below `folder`."""
     for partial in folder.rglob(f".*{PARTIAL}"):
-        partial.unlink(missing_ok=True)
+        if _OF_WRITE_WHOLE.fullmatch(partial.name):
+            partial.unlink(missing_ok=True)
 
 
 def writable_folder(folder: Path) -> Path:

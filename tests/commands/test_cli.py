@@ -134,6 +134,37 @@ def test_several_scenes_get_a_folder_each(model: FakeModel, tmp_path: Path):
     assert (tmp_path / "out/b/metrics.json").is_file()
 
 
+def test_one_broken_scene_does_not_stop_the_others(model: FakeModel, tmp_path: Path, capsys):
+    for name in ("a", "b", "c"):
+        write_posed_folder(tmp_path / "rooms" / name, 2, (128, 96))
+    np.savetxt(tmp_path / "rooms/b/poses/0001.txt", np.full((4, 4), np.nan))
+    assert predict(str(tmp_path / "rooms"), tmp_path) == 2
+    assert "1 of 3 scenes failed" in capsys.readouterr().err
+    assert (tmp_path / "out/a/metrics.json").is_file()
+    assert (tmp_path / "out/c/metrics.json").is_file()
+    assert main(["data", "check", str(tmp_path / "rooms")]) == 2
+    checked = capsys.readouterr()
+    assert "a: 2 photos" in checked.out and "c: 2 photos" in checked.out
+    assert "1 of 3 scenes failed" in checked.err
+
+
+def test_a_scene_is_not_its_own_output(model: FakeModel, room: str, tmp_path: Path, capsys):
+    assert predict(room, tmp_path) == 0
+    out = tmp_path / "out"
+    before = sorted(out.rglob("*"))
+    assert predict(str(out), tmp_path, "--overwrite") == 2
+    assert "is the scene itself" in capsys.readouterr().err
+    assert sorted(out.rglob("*")) == before
+
+
+def test_a_demo_does_not_replace_other_predictions(
+    model: FakeModel, room: str, tmp_path: Path, capsys
+):
+    assert predict(room, tmp_path) == 0
+    assert main(["demo", "--out", str(tmp_path / "out"), "--device", "cpu"]) == 2
+    assert "holds predictions of scene room" in capsys.readouterr().err
+
+
 def test_skipped_photos_are_warned_about_on_stderr(model, room: str, tmp_path: Path, capsys):
     np.savetxt(Path(room) / "poses/0003.txt", np.diag([-1.0, 1, -1, 1]))
     assert predict(room, tmp_path) == 0

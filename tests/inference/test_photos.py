@@ -1,8 +1,11 @@
+import inspect
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from mvsam.errors import InputError
-from mvsam.inference.photos import predict
+from mvsam.inference.photos import check_depth_range, predict
 from tests.inference.fake_model import FakeModel, WholeModel
 from tests.synthetic import synthetic_views
 
@@ -96,6 +99,36 @@ def test_bad_photos_are_named(parts: list, complaint: str):
 def test_a_depth_range_must_be_one(depth_range: tuple[float, float]):
     with pytest.raises(InputError, match="depth range"):
         predict(FakeModel(), *photos(2), depth_range=depth_range)
+
+
+@pytest.mark.parametrize("depth_range", [5, "Auto", (1, 2, 3)])
+def test_a_depth_range_is_two_numbers(depth_range):
+    with pytest.raises(InputError, match=r"give \(nearest, farthest\)"):
+        inspect.unwrap(check_depth_range)(depth_range)
+
+
+def test_cameras_that_seem_wrong_are_warned_about(monkeypatch, caplog):
+    monkeypatch.setattr(
+        "mvsam.inference.photos.camera_warning", lambda frames, depth_range: "transpose them"
+    )
+    predict(FakeModel(), *photos(2))
+    assert "transpose them" in caplog.text
+
+
+def test_references_may_come_from_a_generator():
+    predict_unchecked = inspect.unwrap(predict)
+    assert len(predict_unchecked(FakeModel(), *photos(3), references=(i for i in (0, 2)))) == 2
+
+
+def test_an_unknown_precision_is_refused():
+    with pytest.raises(InputError, match="one of auto, float32, bfloat16"):
+        inspect.unwrap(predict)(FakeModel(), *photos(2), precision="float16")
+
+
+def test_a_model_of_single_pictures_takes_one_photo():
+    model = FakeModel()
+    model.info = SimpleNamespace(model="segnet", depth_range=(0.1, 5.0))
+    assert len(predict(model, *photos(1))) == 1
 
 
 def test_an_unknown_reference_is_refused():

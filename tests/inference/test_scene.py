@@ -102,7 +102,10 @@ def test_run_json_says_what_made_the_folder(scene, out: Path):
 def test_a_model_from_a_file_brings_its_name_hash_and_classes(scene, out: Path):
     model = FakeModel()
     model.info = SimpleNamespace(
-        model="mine", classes=("red", "green", "blue"), palette=((9, 0, 0), (0, 9, 0), (0, 0, 9))
+        model="mine",
+        classes=("red", "green", "blue"),
+        palette=((9, 0, 0), (0, 9, 0), (0, 0, 9)),
+        depth_range=(0.1, 5.0),
     )
     model.weights_hash = "0123456789abcdef"
     result = predict_scene(model, scene, out)
@@ -216,7 +219,7 @@ def test_ctrl_c_leaves_whole_files_and_the_next_run_continues(scene, out: Path):
 
 def test_a_photo_that_was_killed_half_way_is_done_again(scene, out: Path):
     predict_scene(FakeModel(), scene, out)
-    (out / "preview/0001.jpg").rename(out / "preview/.0001.jpg.part")
+    (out / "preview/0001.jpg").rename(out / "preview/.0001.jpg.0123abcd.part")
     assert predict_scene(FakeModel(), scene, out).written == ["0001"]
     assert not list(out.rglob("*.part"))
 
@@ -250,6 +253,48 @@ def test_references_choose_photos_by_name(scene, out: Path):
     assert result.written == ["0002"]
     with pytest.raises(InputError, match=r"no photo named 002\. Did you mean 0002"):
         predict_scene(FakeModel(), scene, out, references=["002"])
+
+
+def test_a_run_for_one_photo_scores_all_that_are_done(scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    before = (out / "metrics.json").read_text()
+    again = predict_scene(FakeModel(), scene, out, references=["0000"])
+    assert again.kept == ["0000"] and (out / "metrics.json").read_text() == before
+
+
+def test_predicted_maps_are_not_taken_for_the_truth_of_a_scene(scene, out: Path, tmp_path: Path):
+    predict_scene(FakeModel(), scene, out)
+    again = open_scene(out)
+    assert len(again) == len(scene) and again.frame(0).load_depth is None
+    assert predict_scene(FakeModel(), again, tmp_path / "twice").scores is None
+    assert not (tmp_path / "twice/metrics.json").exists()
+
+
+def test_a_model_of_single_pictures_looks_at_each_photo_alone(scene, out: Path):
+    model = FakeModel()
+    model.info = SimpleNamespace(model="fusenet", classes=(), palette=(), depth_range=(0.1, 5.0))
+    assert len(predict_scene(model, scene, out).written) == 4
+    assert [views.num_views for views in model.decoded] == [1] * 4
+
+
+def test_a_model_that_was_trained_for_farther_depths_says_so(scene, out: Path, caplog):
+    model = FakeModel()
+    model.info = SimpleNamespace(model="tiny", classes=(), palette=(), depth_range=(0.3, 10.0))
+    predict_scene(model, scene, out)
+    assert "--depth-range 0.3 10 searches all of it" in caplog.text
+
+
+def test_foreign_fragments_in_the_output_folder_are_left_alone(scene, out: Path):
+    (out / "kept").mkdir(parents=True)
+    (out / "kept/.download.part").touch()
+    predict_scene(FakeModel(), scene, out)
+    assert (out / "kept/.download.part").exists()
+
+
+def test_another_precision_does_not_mix_into_a_folder(scene, out: Path):
+    predict_scene(FakeModel(), scene, out, precision="float32")
+    with pytest.raises(InputError, match="precision float32"):
+        predict_scene(FakeModel(), scene, out, precision="bfloat16")
 
 
 def test_a_photo_that_overlaps_no_other_is_skipped_and_named(tmp_path: Path, out: Path, caplog):

@@ -43,16 +43,26 @@ class Check:
         from mvsam.data.catalog import open_data
         from mvsam.data.check.report import report_scene
 
-        reports = [
-            report_scene(scene, self.depth_range)
-            for scene in open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
-        ]
+        scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
+        reports, failures = [], []
+        for index in range(len(scenes)):
+            try:
+                report = report_scene(scenes[index], self.depth_range)
+            except InputError as error:
+                if len(scenes) == 1:
+                    raise
+                print(f"error: {error}\n", file=sys.stderr)
+                failures.append(error)
+                continue
+            reports.append(report)
+            if not self.json:
+                print(f"{_as_text(report)}\n")
         if self.json:
             print_json(
                 [asdict(report) | {"is_suspicious": report.is_suspicious} for report in reports]
             )
-        else:
-            print("\n\n".join(_as_text(report) for report in reports))
+        if failures:
+            raise InputError(f"{len(failures)} of {len(scenes)} scenes failed, as said above.")
         if self.strict and any(report.is_suspicious for report in reports):
             sys.exit(1)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mvsam.commands.predict import Predict, predict_with_bar
 from mvsam.commands.reconstruct import Reconstruct, reconstruct
 from mvsam.commands.shared import Device, load_model, print_table
+from mvsam.errors import InputError
 
 if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
@@ -34,7 +35,13 @@ class Demo:
 
     def run(self) -> None:
         from mvsam.data.formats import open_scene
+        from mvsam.inference.outputs import OutputFolder
 
+        before = OutputFolder(self.out).read_run()
+        if before is not None and before["scene"] != SAMPLE.name:
+            raise InputError(
+                f"{self.out} holds predictions of scene {before['scene']}: choose another --out."
+            )
         # Always anew: a demo of another version must not count as done.
         arguments = Predict(scene=str(SAMPLE), out=self.out, overwrite=True, device=self.device)
         model = load_model(arguments.model, self.device)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from mvsam.commands.shared import Device, Scale, load_model, progress_bar
-from mvsam.errors import counted
+from mvsam.errors import InputError, counted
 
 if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
@@ -33,7 +34,8 @@ class Predict:
     model: str = "tiny"
     """Name with embedded weights, path of a .safetensors file, or Hugging Face id."""
     views: int = 3
-    """Photos that are looked at together: a reference and its best sources, 2 to 8."""
+    """Photos that are looked at together: a reference and its best sources, 2 to 8; a model of
+    single pictures takes one."""
     tuples: str | None = None
     """Which photos go together, as in mvsam eval: keyframes (only the photos of a stream
     that moved 10 cm or turned 15 degrees), mvs2d, every-100, or a file; where it is not given, the
@@ -75,10 +77,25 @@ class Predict:
         scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         if self.tuples is not None:
             scenes = prescribe(scenes, self.tuples, self.views, self.depth_range)
-        for scene in scenes:
-            out = self.out if len(scenes) == 1 else self.out / scene.name
-            result = predict_with_bar(self, model, scene, out)
-            print(f"{out}: {counted(len(result.written), 'photo')} predicted{_remark(result)}")
+        failures = []
+        for index in range(len(scenes)):
+            try:
+                self._predict(model, scenes[index], len(scenes) > 1)
+            except InputError as error:
+                if len(scenes) == 1:
+                    raise
+                print(f"error: {error}", file=sys.stderr)
+                failures.append(error)
+        if failures:
+            raise InputError(f"{len(failures)} of {len(scenes)} scenes failed, as said above.")
+
+    def _predict(self, model: Model, scene: Scene, is_one_of_many: bool) -> None:
+        out = self.out / scene.name if is_one_of_many else self.out
+        given = Path(self.scene).resolve()
+        if out.resolve() in (given, given / scene.name):
+            raise InputError(f"--out {out} is the scene itself: choose another folder.")
+        result = predict_with_bar(self, model, scene, out)
+        print(f"{out}: {counted(len(result.written), 'photo')} predicted{_remark(result)}")
 
 
 def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) -> SceneResult:

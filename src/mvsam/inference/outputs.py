@@ -32,6 +32,7 @@ FILES = {
     "preview": "preview/{}.jpg",
 }
 """Kind of map -> its file; the preview comes last and is written last."""
+_FOLDERS = sorted({Path(pattern).parts[0] for pattern in FILES.values()})
 
 INDEX_FILES = ("transforms.json", "classes.json", "metrics.json")
 
@@ -75,7 +76,6 @@ class OutputFolder:
 
     def __init__(self, path: Path):
         self.path = writable_folder(path)
-        remove_partial_files(path)
         self.kinds: list[str] = []
 
     def file(self, kind: str, name: str) -> Path:
@@ -100,10 +100,14 @@ class OutputFolder:
             (self.path / name).unlink(missing_ok=True)
         self.kinds = []
 
+    def remove_partial(self) -> None:
+        """Removes what a killed run left unfinished; of a folder that is known to be ours."""
+        for folder in _FOLDERS:
+            remove_partial_files(self.path / folder)
+
     def check_unused(self) -> None:
         """Raises `InputError` where files that are not ours lie in the way, such as a scene's."""
-        folders = {Path(pattern).parts[0] for pattern in FILES.values()}
-        for path in (self.path / name for name in (*INDEX_FILES, *sorted(folders))):
+        for path in (self.path / name for name in (*INDEX_FILES, *_FOLDERS)):
             if path.is_file() or (path.is_dir() and any(path.iterdir())):
                 raise InputError(
                     f"{path} exists but was not written by mvsam predict (there is no run.json): "
@@ -132,9 +136,13 @@ class OutputFolder:
                 self._write_picture(self.file(kind, name), pictures[kind]())
 
     def write_index(self, frames: Iterable[Frame], classes: ClassTable) -> None:
-        """Writes `transforms.json`, which lists every photo that is done, and `classes.json`."""
+        """Writes `transforms.json`, which lists every photo that is done, and `classes.json`.
+
+        Its `is_predicted` keeps readers from taking the maps for the truth.
+        """
         entries = [self._entry(frame) for frame in frames if self.is_done(frame.name)]
-        index = {"camera_model": "PINHOLE", "depth_unit_scale_factor": 0.001, "frames": entries}
+        index = {"camera_model": "PINHOLE", "depth_unit_scale_factor": 0.001, "is_predicted": True}
+        index |= {"frames": entries}
         write_json(self.path / "transforms.json", index)
         if "labels" in self.kinds:
             table = zip(classes.names, classes.colors, strict=True)

@@ -1,13 +1,16 @@
 """A few photos in memory in, depth and labels for each of them out."""
 
+import logging
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from torch import nn
 
+from mvsam.build import MODELS, Inputs
 from mvsam.data.camera_checks import check_intrinsics, check_pose
+from mvsam.data.check.report import camera_warning
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, estimate_depth_range
 from mvsam.errors import InputError, counted
 from mvsam.geometry.camera import HALF_PIXEL
@@ -15,6 +18,8 @@ from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.session import Session
 from mvsam.precision import Precision
 from mvsam.types import Frame
+
+log = logging.getLogger("mvsam")
 
 MOST_VIEWS = 8
 """Photos that go through a model together at most."""
@@ -39,24 +44,32 @@ def predict(
     default. Each reference is seen together with all other photos. `precision` auto takes bfloat16
     where the processor or the GPU multiplies it natively.
 
-    Raises `InputError` that names the photo which is not so.
+    Returns one `PhotoPrediction` a reference: `depth` H x W float32 metres, `confidence` H x W
+    float32 in 0..1, `labels` H x W uint8; None for what the model does not predict. Warns in the
+    log where the cameras seem wrong. Raises `InputError` that names the photo which is not so.
     """
     if not len(images) == len(intrinsics) == len(world_from_cam):
         raise InputError(
             f"{len(images)} images, {len(intrinsics)} intrinsics and {len(world_from_cam)} poses "
             "were given; give one of each per photo."
         )
-    if not 2 <= len(images) <= MOST_VIEWS:
+    if precision not in get_args(Precision):
+        raise InputError(f"precision {precision!r}: give one of {', '.join(get_args(Precision))}.")
+    fewest = fewest_views(model)
+    if not fewest <= len(images) <= MOST_VIEWS:
         raise InputError(
-            f"{counted(len(images), 'photo')} given; give 2 to {MOST_VIEWS} that overlap, "
+            f"{counted(len(images), 'photo')} given; give {fewest} to {MOST_VIEWS} that overlap, "
             "or a whole scene to mvsam predict."
         )
     photos = zip(images, intrinsics, world_from_cam, strict=True)
     frames = [_frame(f"photo {index}", *photo) for index, photo in enumerate(photos)]
     depth_range = resolved_depth_range(depth_range, frames)
-    chosen = range(len(frames)) if references is None else references
+    warn_of_other_range(model, depth_range)
+    if warning := camera_warning(frames, depth_range):
+        log.warning("%s", warning)
+    chosen = list(range(len(frames)) if references is None else references)
     for reference in chosen:
-        if reference not in range(len(frames)):
+        if not isinstance(reference, int) or reference not in range(len(frames)):
             raise InputError(
                 f"reference {reference} is not a photo; they are numbered 0 to {len(frames) - 1}."
             )
@@ -65,6 +78,25 @@ def predict(
     check_measured_depth(model, [views[0] for views in tuples])
     with Session(model, depth_range, precision=precision) as session:
         return list(session.predict_all(tuples))
+
+
+def fewest_views(model: nn.Module) -> int:
+    """Photos that it needs at least: one if it looks at single pictures, else two."""
+    info: Any = getattr(model, "info", None)
+    spec = MODELS.get(info.model) if info else None
+    return 2 if spec is None or spec.inputs is Inputs.VIEWS else 1
+
+
+def warn_of_other_range(model: nn.Module, depth_range: DepthRange) -> None:
+    """Says so where the weights were trained for other depths than are searched."""
+    info: Any = getattr(model, "info", None)
+    if info and info.depth_range[1] > 1.01 * depth_range[1]:
+        near, far = info.depth_range
+        log.warning(
+            "the model was trained for %g to %g m, and %g to %g m are searched; "
+            "--depth-range %g %g searches all of it.",
+            *(near, far, *depth_range, near, far),
+        )
 
 
 def check_measured_depth(model: nn.Module, references: Sequence[Frame]) -> None:
@@ -91,7 +123,13 @@ def resolved_depth_range(
 
 def check_depth_range(depth_range: tuple[float, float]) -> None:
     """Raises `InputError` unless 0 < nearest < farthest."""
-    nearest, farthest = depth_range
+    try:
+        nearest, farthest = map(float, depth_range)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"the depth range {depth_range!r} is not one; give (nearest, farthest) in metres, or "
+            '"auto".'
+        ) from error
     if not (np.isfinite([nearest, farthest]).all() and 0 < nearest < farthest):
         raise InputError(
             f"the depth range {nearest:g} {farthest:g} is not one; "

@@ -19,7 +19,7 @@ from mvsam.types import Frame
 
 IDENTITY = (
     *("scene", "cameras_hash", "model", "weights_hash", "num_views", "depth_range"),
-    "tuples_hash",
+    *("tuples_hash", "precision"),
 )
 """Keys in which two runs must agree to share a folder."""
 _HASHED = {

@@ -18,7 +18,13 @@ from mvsam.evaluation.evaluate import Scores
 from mvsam.files import write_json
 from mvsam.inference.limits import REMEMBERED_PHOTOS, count_needs, photos_within
 from mvsam.inference.outputs import OutputFolder, PhotoPrediction
-from mvsam.inference.photos import MOST_VIEWS, check_measured_depth, resolved_depth_range
+from mvsam.inference.photos import (
+    MOST_VIEWS,
+    check_measured_depth,
+    fewest_views,
+    resolved_depth_range,
+    warn_of_other_range,
+)
 from mvsam.inference.record import (
     check_same_run,
     describe_cost,
@@ -64,23 +70,26 @@ def predict_scene(
 ) -> SceneResult:
     """Writes depth, confidence and labels of a scene's photos into the folder `out`.
 
-    Each reference is seen together with its `num_views` - 1 best sources; `references` are names
-    of photos, all by default. `depth_range` is metres, or "auto": an estimate from the scene's
-    sparse points (`scene.points`, where it has them) or its poses. Photos that are done are kept
-    unless `overwrite`. `save_npz` adds float32 depth. `precision` auto takes bfloat16 where the
-    processor or the GPU multiplies it natively. `max_memory` are the bytes this process may come to
-    hold where the model is (RAM or GPU); with less, fewer photos are remembered, so it takes
-    longer. It is an estimate (`limits.count_needs`), not a guarantee. `arguments` are recorded in
-    `run.json` as they are.
+    Each reference is seen together with its `num_views` - 1 best sources, alone by a model of
+    single pictures; `references` are names of photos, all by default. `depth_range` is metres, or
+    "auto": an estimate from the scene's sparse points (`scene.points`, where it has them) or its
+    poses. Photos that are done are kept unless `overwrite`. `save_npz` adds float32 depth.
+    `precision` auto takes bfloat16 where the processor or the GPU multiplies it natively.
+    `max_memory` are the bytes this process may come to hold where the model is (RAM or GPU); with
+    less, fewer photos are remembered, so it takes longer. It is an estimate (`limits.count_needs`),
+    not a guarantee. `arguments` are recorded in `run.json` as they are.
     `on_photo(done, total, name)` is called after each photo.
 
     What exists in `out` is whole at any time; after an interruption the next call goes on.
     Raises `InputError` for bad input and `DiskFullError`.
     """
-    if not 2 <= num_views <= MOST_VIEWS:
+    if fewest_views(model) == 1:
+        num_views = 1
+    elif not 2 <= num_views <= MOST_VIEWS:
         raise InputError(f"{num_views} views for a prediction: ask for 2 to {MOST_VIEWS}.")
     frames = [scene.frame(index) for index in range(len(scene))]
     depth_range = resolved_depth_range(depth_range, frames, getattr(scene, "points", None))
+    warn_of_other_range(model, depth_range)
     all_tuples, skipped = view_tuples(scene, num_views, depth_range)
     tuples = _tuples_of(references, all_tuples, frames, scene.name)
     if references is not None:
@@ -97,6 +106,7 @@ def predict_scene(
         model, scene.name, frames, num_views, all_tuples, depth_range, precision, arguments
     )
     _prepare(folder, run, chosen, overwrite, save_npz)
+    folder.remove_partial()
     with Session(model, depth_range, photos, precision) as session:
         work = _Work(session, frames, folder, run, save_npz)
         try:
@@ -107,7 +117,7 @@ def predict_scene(
                 folder.write_index(frames, work.classes)
     same_classes = getattr(scene, "classes", work.classes).names == work.classes.names
     num_classes = len(work.classes) if same_classes else None
-    scores = score_folder(folder, scene.name, chosen, num_classes)
+    scores = score_folder(folder, scene.name, frames, num_classes)
     return SceneResult(work.written, work.kept, skipped, scores)
 
 

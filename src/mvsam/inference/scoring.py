@@ -37,6 +37,7 @@ def score_folder(
         if folder.is_done(frame.name) and _has_truth(frame)
     ]
     if not photos:
+        (folder.path / "metrics.json").unlink(missing_ok=True)
         return None
     scores = Scores(protocol.name, {scene_name: sum(photos, SceneScores())})
     write_json(folder.path / "metrics.json", scores.as_json())

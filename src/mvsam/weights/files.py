@@ -29,7 +29,7 @@ def _has_page(path: Path) -> bool:
     return path.with_suffix(".json").exists()
 
 
-def load(name: str) -> Model:
+def load(name: str | Path) -> Model:
     """A model with its weights, in evaluation mode, by embedded name, file path or hub id.
 
     A hub id is `owner/name` or `owner/name@revision`, a branch, tag or commit.
@@ -53,8 +53,9 @@ def from_pretrained(name: str) -> Model:
     return load(name)
 
 
-def locate(name: str) -> tuple[Path, Path]:
+def locate(name: str | Path) -> tuple[Path, Path]:
     """The weights file and its page for a name, a path or a hub id (downloaded)."""
+    name = str(name)
     if (ASSETS / f"{name}.safetensors").exists():
         return ASSETS / f"{name}.safetensors", ASSETS / f"{name}.json"
     path = Path(name)

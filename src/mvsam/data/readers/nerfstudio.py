@@ -2,7 +2,7 @@
 
 Pixel centres lie at halves, as COLMAP's do, so nothing is added to the principal point. Our own
 `predict` writes this format too, with `label_file_path`, `confidence_file_path` and `classes.json`
-besides.
+besides, and `is_predicted`: such maps are no truth, so photos and cameras alone are read.
 """
 
 import json
@@ -104,8 +104,9 @@ def _frame(path: Path, content: dict, entry: dict, name: str, num_classes: int, 
     intrinsics = _intrinsics({**content, **entry}, size, item)
     distortion = _distortion({**content, **entry}, item)
     pixels = {"intrinsics": intrinsics, "distortion": distortion}
-    depth = _map(path, entry, "depth", size, item)
-    labels = _map(path, entry, "label", size, item)
+    is_measured = not content.get("is_predicted", False)
+    depth = _map(path, entry, "depth", size, item) if is_measured else None
+    labels = _map(path, entry, "label", size, item) if is_measured else None
     scale = _number({**content, **entry}, "depth_unit_scale_factor", item, default=1e-3)
     check_depth_scale(scale, f"{item}, depth_unit_scale_factor")
     frame = Frame(

@@ -147,6 +147,8 @@ def read_view_tuples(file: Path, names: Iterable[str]) -> list[tuple[int, ...]]:
             raise InputError(f"{item}: a reference needs at least one source behind it; add one.")
         if len(set(words)) < len(words):
             raise InputError(f"{item}: a photo occurs twice in one tuple; name each once.")
+        if any(views[0] == index_of[words[0]] for views in tuples):
+            raise InputError(f"{item}: {words[0]} is a reference already; give it one tuple.")
         tuples.append(tuple(index_of[word] for word in words))
     if not tuples:
         raise InputError(f"{file}: holds no view tuple; add one a line or remove the file.")
