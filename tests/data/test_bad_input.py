@@ -260,3 +260,16 @@ def test_malformed_views(folder, content, reason):
 def test_views_that_are_not_text(folder):
     (folder / "views.txt").write_bytes(b"\xff\xfe\x00\xd8")
     assert_says(complaint(folder), "views.txt: cannot be read")
+
+
+def test_a_rotation_beside_the_pixels_is_said_to_be_left_out_once(folder: Path, caplog):
+    notes = Image.Exif()
+    notes[0x0112] = 6  # stored on its side
+    for photo in list((folder / "color").iterdir()):
+        with Image.open(photo) as picture:
+            picture.convert("RGB").save(photo.with_suffix(".jpg"), exif=notes)
+        if photo.suffix != ".jpg":
+            photo.unlink()
+    scene = PosedFolder(folder)
+    assert len(scene) > 1
+    assert caplog.text.count("EXIF rotation, which is not applied") == 1

@@ -4,15 +4,19 @@ Pictures are read as they are stored: an EXIF orientation is not applied, becaus
 poses belong to the stored pixels.
 """
 
+import logging
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
-from PIL import Image
+from PIL import ExifTags, Image
 
 from mvsam.errors import InputError
 from mvsam.geometry.depth_map import from_millimetres
 from mvsam.types import IGNORE
+
+log = logging.getLogger("mvsam")
 
 _FILE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 """What Pillow may take a picture for: it knows forty more, and runs Ghostscript for some."""
@@ -35,9 +39,31 @@ def read_header(path: Path, kind: str = "photo") -> tuple[Size, str]:
     """((width, height), Pillow mode) of a picture without decoding its pixels."""
     try:
         with Image.open(path, formats=_FILE_FORMATS) as picture:
+            if kind == "photo" and _is_turned(picture):
+                _warn_of_rotation(path.parent)
             return picture.size, picture.mode
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise _unreadable(path, kind, error) from error
+
+
+def _is_turned(picture: Image.Image) -> bool:
+    """Whether viewers show a JPEG turned or mirrored, as a note beside the pixels asks them to."""
+    if picture.format != "JPEG":  # a PNG's note may lie behind the pixels, which are not read here
+        return False
+    try:
+        return picture.getexif().get(ExifTags.Base.Orientation, 1) not in (0, 1)
+    except Exception:  # Pillow raises many kinds for damaged notes, which are none of our business
+        return False
+
+
+@cache
+def _warn_of_rotation(folder: Path) -> None:
+    """Once a folder."""
+    log.warning(
+        "%s: has photos with an EXIF rotation, which is not applied: intrinsics and poses must be "
+        "those of the pixels as they are stored.",
+        folder,
+    )
 
 
 def check_photo(path: Path) -> Size:
