@@ -1,4 +1,4 @@
-"""What `mvsam data check` says of right cameras, and of eight ways to break them.
+"""What `mvsam data check` says of right cameras, and of nine ways to break them.
 
     python benchmarks/data_check.py DATA --out results/data_check.json
 
@@ -53,6 +53,11 @@ def turned_back(pose: np.ndarray) -> np.ndarray:
     return np.block([[pose[:3, :3].T, pose[:3, 3:]], [pose[3:]]])
 
 
+def left_handed(pose: np.ndarray) -> np.ndarray:
+    negate_y = np.diag([1.0, -1.0, 1.0, 1.0])
+    return negate_y @ pose @ negate_y
+
+
 def half_size(frames: list[Frame]) -> list[Frame]:
     return [replace(f, intrinsics=f.intrinsics * [[0.5], [0.5], [1]]) for f in frames]
 
@@ -101,6 +106,7 @@ BREAKS: dict[str, tuple[Break, str]] = {
     "half-size": (half_size, "half the size"),
     "unregistered": (unregistered, "not registered"),
     "transposed": (posed(turned_back), "transposed rotations"),
+    "left-handed": (posed(left_handed), "left-handed"),
     "millimetres": (posed(scaled), "millimetres|not metric"),
     "rotated": (rotated, "turned by"),
     "shuffled": (shuffled, "no convention fits"),

@@ -39,6 +39,11 @@ def moved_by_thousand(pose: np.ndarray) -> np.ndarray:
     return result
 
 
+def left_handed(pose: np.ndarray) -> np.ndarray:
+    negate_y = np.diag([1.0, -1.0, 1.0, 1.0])
+    return negate_y @ pose @ negate_y
+
+
 def turned_back(pose: np.ndarray) -> np.ndarray:
     result = pose.copy()
     result[:3, :3] = pose[:3, :3].T
@@ -58,8 +63,9 @@ def test_right_cameras_fit(frames):
         (lambda pose: pose @ np.diag([1.0, -1, -1, 1]), "in OpenGL axes"),
         (moved_by_thousand, "millimetres"),
         (turned_back, "transposed rotations"),
+        (left_handed, "left-handed"),
     ],
-    ids=["inverse", "opengl", "millimetres", "transposed"],
+    ids=["inverse", "opengl", "millimetres", "transposed", "left-handed"],
 )
 def test_wrong_poses_are_named_with_the_remedy(frames, pose, remedy):
     verdict = depth_verdict(changed(frames, pose), RANGE)

@@ -21,6 +21,11 @@ def frames_of(folder, rewrite: Callable[[np.ndarray], np.ndarray] = lambda pose:
     return [scene.frame(index) for index in range(len(scene))]
 
 
+def left_handed(pose: np.ndarray) -> np.ndarray:
+    negate_y = np.diag([1.0, -1.0, 1.0, 1.0])
+    return negate_y @ pose @ negate_y
+
+
 def turned_back(pose: np.ndarray) -> np.ndarray:
     return np.block([[pose[:3, :3].T, pose[:3, 3:]], [pose[3:]]])
 
@@ -48,6 +53,7 @@ def test_right_poses_raise_no_suspicion(folder):
             "look world-to-camera in OpenGL axes",
         ),
         (turned_back, "look turned the wrong way (transposed rotations)"),
+        (left_handed, "the poses look left-handed (y up, z forward, as Unity's)"),
     ],
 )
 def test_photos_reveal_another_convention_though_the_frusta_overlap(folder, rewrite, expected):
