@@ -63,6 +63,14 @@ def test_photos_reveal_another_convention_though_the_frusta_overlap(folder, rewr
     assert "photos then match" in hint
 
 
+def test_cameras_that_do_not_move_are_told(folder):
+    def stay(pose: np.ndarray) -> np.ndarray:
+        return np.block([[pose[:3, :3], 1e-5 * pose[:3, 3:]], [pose[3:]]])
+
+    hint = pose_convention_hint(frames_of(folder, stay))
+    assert hint is not None and "the cameras do not move" in hint
+
+
 def no_pixels():
     raise AssertionError("the frusta alone tell")
 

@@ -57,6 +57,8 @@ SIZES: dict[str, float] = {
 
 NUM_REFERENCES = 4
 """Photos that are matched with a neighbour."""
+LEAST_MOTION = 1e-3
+"""Metres."""
 MAXIMUM_FRAMES = 200
 """Of a longer scene every second, third, ... frame is looked at."""
 MARGIN = 0.06
@@ -86,8 +88,13 @@ def pose_convention_hint(
 
 
 def _hint_of_units(cameras: Cameras, depth_range: DepthRange) -> str | None:
-    """Every photo is farther from the next than a room is wide: hardly metres."""
+    """No camera moves, or all are farther from the next than a room is wide: hardly metres."""
     distances = np.linalg.norm(cameras.centres[:, None] - cameras.centres[None], axis=-1)
+    if distances.max() < LEAST_MOTION:
+        return (
+            "the cameras do not move, all photos are less than a millimetre apart, and from one "
+            "place depth cannot be told; check the translations and their unit."
+        )
     np.fill_diagonal(distances, np.inf)
     nearest = float(np.median(distances.min(axis=1)))
     if nearest <= 2 * depth_range[1]:
