@@ -2,7 +2,6 @@ import numpy as np
 import torch
 
 from mvsam.geometry.camera import (
-    backproject,
     invert_intrinsics,
     pixel_centres,
     scale_intrinsics,
@@ -26,16 +25,6 @@ def test_resize_then_project_equals_project_then_resize():
         small, small_z = project((u / 4, v / 2), depth, scaled, poses, source=2)
         np.testing.assert_allclose(small, full * [0.25, 0.5], atol=1e-9)
         assert abs(z - small_z) < 1e-9
-
-
-def test_backprojected_points_project_onto_their_own_pixels_with_their_depth():
-    views = random_views(height=4, width=6, seed=2)
-    depth = 0.5 + torch.rand(1, 4, 6)
-    intrinsics = views.intrinsics[:, 0]
-    points = backproject(depth, intrinsics)
-    torch.testing.assert_close(points[..., 2], depth)
-    image_points = torch.einsum("bij,bhwj->bhwi", intrinsics, points)
-    torch.testing.assert_close(image_points / depth[..., None], pixel_centres(4, 6)[None])
 
 
 def test_inverse_intrinsics_undo_any_calibration():

@@ -284,6 +284,15 @@ def test_a_model_that_was_trained_for_farther_depths_says_so(scene, out: Path, c
     assert "--depth-range 0.3 10 searches all of it" in caplog.text
 
 
+def test_skew_that_the_index_cannot_hold_is_warned_about(scene, out: Path, tmp_path, caplog):
+    file = tmp_path / "room/intrinsics.txt"
+    matrix = np.loadtxt(file)
+    matrix[0, 1] = 4.0
+    np.savetxt(file, matrix)
+    predict_scene(FakeModel(), open_scene(tmp_path / "room"), out)
+    assert "have a skew" in caplog.text
+
+
 def test_foreign_fragments_in_the_output_folder_are_left_alone(scene, out: Path):
     (out / "kept").mkdir(parents=True)
     (out / "kept/.download.part").touch()

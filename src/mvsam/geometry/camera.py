@@ -36,13 +36,3 @@ def invert_intrinsics(intrinsics: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, 
     rows = [torch.linalg.cross(y, z), torch.linalg.cross(z, x), torch.linalg.cross(x, y)]
     determinant = (x * rows[0]).sum(dim=-1)
     return torch.stack(rows, dim=-2) / determinant[..., None, None]
-
-
-def backproject(
-    depth: Float[Tensor, "*batch height width"], intrinsics: Float[Tensor, "*batch 3 3"]
-) -> Float[Tensor, "*batch height width 3"]:
-    """Points in the camera's own frame, metres, one per pixel."""
-    height, width = depth.shape[-2:]
-    pixels = pixel_centres(height, width, device=depth.device, dtype=depth.dtype)
-    rays = torch.einsum("...ij,hwj->...hwi", invert_intrinsics(intrinsics), pixels)
-    return rays * depth[..., None]

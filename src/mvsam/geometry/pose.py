@@ -17,15 +17,6 @@ def invert(target_from_source: Float[Tensor, "*batch 4 4"]) -> Float[Tensor, "*b
     return torch.cat([top, target_from_source[..., 3:, :]], dim=-2)
 
 
-def transform(
-    target_from_source: Float[Tensor, "*batch 4 4"], points: Float[Tensor, "*batch height width 3"]
-) -> Float[Tensor, "*batch height width 3"]:
-    """Points of the source frame, expressed in the target frame."""
-    rotation = target_from_source[..., :3, :3]
-    translation = target_from_source[..., None, None, :3, 3]
-    return torch.einsum("...ij,...hwj->...hwi", rotation, points) + translation
-
-
 def pose_from_quaternion(
     translation: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]
 ) -> Float[np.ndarray, "4 4"]:

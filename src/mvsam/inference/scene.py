@@ -40,6 +40,9 @@ from mvsam.types import Frame, Scene
 
 log = logging.getLogger("mvsam")
 
+LEAST_SKEW = 0.01
+"""Pixels."""
+
 
 @dataclass(frozen=True)
 class SceneResult:
@@ -98,16 +101,22 @@ def predict_scene(
         log.warning("%s: no other photo overlaps it; it is skipped.", name)
     if warning := camera_warning(frames, depth_range):
         log.warning("%s: %s", scene.name, warning)
+    if any(abs(frame.intrinsics[0, 1]) > LEAST_SKEW for frame in frames):
+        log.warning(
+            "%s: its pixels have a skew, which transforms.json cannot hold: mvsam reconstruct will "
+            "do without it.",
+            scene.name,
+        )
     chosen = [frames[views[0]] for views in tuples]
     check_measured_depth(model, chosen)
-    photos = _photos_within(max_memory, model, frames, num_views)
+    remembered_photos = _photos_within(max_memory, model, frames, num_views)
     folder = OutputFolder(Path(out))
     run = describe_run(
         model, scene.name, frames, num_views, all_tuples, depth_range, precision, arguments
     )
     _prepare(folder, run, chosen, overwrite, save_npz)
     folder.remove_partial()
-    with Session(model, depth_range, photos, precision) as session:
+    with Session(model, depth_range, remembered_photos, precision) as session:
         work = _Work(session, frames, folder, run, save_npz)
         try:
             work.predict_all(tuples, on_photo)
@@ -143,8 +152,10 @@ class _Work:
     ) -> None:
         names = [self.frames[views[0]].name for views in tuples]
         done = {name for name in names if self.folder.is_done(name)}
-        to_do = [v for name, v in zip(names, tuples, strict=True) if name not in done]
-        predictions = self.session.predict_all([[self.frames[v] for v in views] for views in to_do])
+        to_do = [views for name, views in zip(names, tuples, strict=True) if name not in done]
+        predictions = self.session.predict_all(
+            [[self.frames[index] for index in views] for views in to_do]
+        )
         for count, name in enumerate(names, start=1):
             if name in done:
                 self.kept.append(name)
