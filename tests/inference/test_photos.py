@@ -120,6 +120,13 @@ def test_references_may_come_from_a_generator():
     assert len(predict_unchecked(FakeModel(), *photos(3), references=(i for i in (0, 2)))) == 2
 
 
+def test_references_may_be_numpy_s_integers_but_no_fractions():
+    predict_unchecked = inspect.unwrap(predict)
+    assert len(predict_unchecked(FakeModel(), *photos(3), references=np.array([0, 2]))) == 2
+    with pytest.raises(InputError, match=r"reference 1\.0 is not a photo"):
+        predict_unchecked(FakeModel(), *photos(3), references=[1.0])
+
+
 def test_an_unknown_precision_is_refused():
     with pytest.raises(InputError, match="one of auto, float32, bfloat16"):
         inspect.unwrap(predict)(FakeModel(), *photos(2), precision="float16")

@@ -281,7 +281,7 @@ def test_a_model_that_was_trained_for_farther_depths_says_so(scene, out: Path, c
     model = FakeModel()
     model.info = SimpleNamespace(model="tiny", classes=(), palette=(), depth_range=(0.3, 10.0))
     predict_scene(model, scene, out)
-    assert "--depth-range 0.3 10 searches all of it" in caplog.text
+    assert "trained for 0.3 to 10 m, and 0.1 to 5 m are searched" in caplog.text
 
 
 def test_skew_that_the_index_cannot_hold_is_warned_about(scene, out: Path, tmp_path, caplog):

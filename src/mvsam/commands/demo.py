@@ -38,9 +38,9 @@ class Demo:
         from mvsam.inference.outputs import OutputFolder
 
         before = OutputFolder(self.out).read_run()
-        if before is not None and before["scene"] != SAMPLE.name:
+        if before is not None and (scene := before.get("scene")) != SAMPLE.name:
             raise InputError(
-                f"{self.out} holds predictions of scene {before['scene']}: choose another --out."
+                f"{self.out} holds predictions of scene {scene}: choose another --out."
             )
         # Always anew: a demo of another version must not count as done.
         arguments = Predict(scene=str(SAMPLE), out=self.out, overwrite=True, device=self.device)

@@ -70,7 +70,8 @@ class Table:
 
     def _check_shown_only(self) -> None:
         """InputError for options that would be passed over in silence."""
-        if self.rows or self.steps or self.seeds or self.accelerator != "auto":
+        numbers = (self.steps, self.seeds)
+        if self.rows or numbers != (None, None) or self.accelerator != "auto":
             raise InputError(
                 "--rows, --steps, --seeds and --accelerator say how to train: add --train."
             )

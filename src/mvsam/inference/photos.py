@@ -69,7 +69,7 @@ def predict(
         log.warning("%s", warning)
     chosen = list(range(len(frames)) if references is None else references)
     for reference in chosen:
-        if not isinstance(reference, int) or reference not in range(len(frames)):
+        if not isinstance(reference, int | np.integer) or reference not in range(len(frames)):
             raise InputError(
                 f"reference {reference} is not a photo; they are numbered 0 to {len(frames) - 1}."
             )
@@ -93,9 +93,9 @@ def warn_of_other_range(model: nn.Module, depth_range: DepthRange) -> None:
     if info and info.depth_range[1] > 1.01 * depth_range[1]:
         near, far = info.depth_range
         log.warning(
-            "the model was trained for %g to %g m, and %g to %g m are searched; "
-            "--depth-range %g %g searches all of it.",
-            *(near, far, *depth_range, near, far),
+            "the model was trained for %g to %g m, and %g to %g m are searched; give the former as "
+            "the depth range to search all of it.",
+            *(near, far, *depth_range),
         )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from torch import nn
 
 from mvsam.data.check.report import camera_warning
-from mvsam.data.depth_range import DepthRangeOrAuto
+from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.errors import InputError
@@ -97,16 +97,7 @@ def predict_scene(
     tuples = _tuples_of(references, all_tuples, frames, scene.name)
     if references is not None:
         skipped = [name for name in skipped if name in references]
-    for name in skipped:
-        log.warning("%s: no other photo overlaps it; it is skipped.", name)
-    if warning := camera_warning(frames, depth_range):
-        log.warning("%s: %s", scene.name, warning)
-    if any(abs(frame.intrinsics[0, 1]) > LEAST_SKEW for frame in frames):
-        log.warning(
-            "%s: its pixels have a skew, which transforms.json cannot hold: mvsam reconstruct will "
-            "do without it.",
-            scene.name,
-        )
+    _warn_of_cameras(scene.name, frames, skipped, depth_range)
     chosen = [frames[views[0]] for views in tuples]
     check_measured_depth(model, chosen)
     remembered_photos = _photos_within(max_memory, model, frames, num_views)
@@ -128,6 +119,21 @@ def predict_scene(
     num_classes = len(work.classes) if same_classes else None
     scores = score_folder(folder, scene.name, frames, num_classes)
     return SceneResult(work.written, work.kept, skipped, scores)
+
+
+def _warn_of_cameras(
+    scene: str, frames: Sequence[Frame], skipped: Sequence[str], depth_range: DepthRange
+) -> None:
+    for name in skipped:
+        log.warning("%s: no other photo overlaps it; it is skipped.", name)
+    if warning := camera_warning(frames, depth_range):
+        log.warning("%s: %s", scene, warning)
+    if any(abs(frame.intrinsics[0, 1]) > LEAST_SKEW for frame in frames):
+        log.warning(
+            "%s: its pixels have a skew, which transforms.json cannot hold: mvsam reconstruct will "
+            "do without it.",
+            scene,
+        )
 
 
 class _Work:
