@@ -16,7 +16,7 @@ import torch
 
 from mvsam.apps.bench.cases import Case, check_case
 from mvsam.apps.bench.measure import run_case
-from mvsam.commands.shared import find_device
+from mvsam.device import find_device
 from mvsam.experiments.runs import BUDGETS
 from mvsam.files import write_json
 from mvsam.precision import resolve

@@ -231,7 +231,7 @@ def main() -> None:
         protocol = replace(protocol, tuples_per_scene=arguments.tuples)
     record = {
         "model": arguments.model,
-        "weights_hash": getattr(model, "weights_hash", None),
+        "weights_hash": model.weights_hash,
         "num_views": FEW,
         "part": arguments.part,
         **provenance(),

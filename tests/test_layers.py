@@ -13,13 +13,23 @@ PACKAGE = Path(mvsam.__file__).parent  # pyright: ignore[reportArgumentType]
 
 NETWORK = {"encoders", "mvs", "segmentation"}
 CONVOLUTION = {"convolution", "convolution_gradient"}
-BASE = {"types", "errors", "files", "kernels", "memory", "precision", "provenance"} | CONVOLUTION
+BASE = {
+    "types",
+    "errors",
+    "files",
+    "kernels",
+    "memory",
+    "precision",
+    "provenance",
+    "device",
+} | CONVOLUTION
 MODELS = BASE | {"geometry", "model", "assemblies", "build", "weights"}
 ALLOWED: dict[str, set[str]] = {
     "types": set(),
     "errors": set(),
     "memory": set(),
     "precision": set(),
+    "device": {"errors"},
     "kernels": set(),
     "convolution_gradient": {"kernels"},
     "convolution": {"convolution_gradient"},

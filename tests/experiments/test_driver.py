@@ -21,7 +21,6 @@ from mvsam.experiments import driver
 from mvsam.experiments.checks import classes_of
 from mvsam.experiments.config import ModelConfig
 from mvsam.experiments.driver import (
-    device_of,
     initial_model,
     precision_of,
     train,
@@ -186,15 +185,6 @@ def test_a_named_precision_is_kept_and_auto_follows_the_hardware(monkeypatch):
     for has, expected in ((True, "bf16-mixed"), (False, "32-true")):
         monkeypatch.setattr(driver, "has_native_bfloat16", lambda device, has=has: has)
         assert precision_of("auto", "cuda") == expected
-
-
-def test_the_processor_is_taken_where_it_is_asked_for_and_a_gpu_where_there_is_one(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    assert [device_of(name) for name in ("auto", "gpu", "cpu")] == ["cuda", "cuda", "cpu"]
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert [device_of(name) for name in ("auto", "cpu")] == ["cpu", "cpu"]
-    with pytest.raises(InputError, match="no CUDA device was found: leave --accelerator out"):
-        device_of("gpu")
 
 
 def test_attention_is_written_out_on_a_processor_alone(monkeypatch):

@@ -2,7 +2,6 @@
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -23,8 +22,6 @@ class FakeModel(Model):
     """Depth is the measured one (else 2 m), the class the strongest of the colours 0, 1, 2."""
 
     input_size: tuple[int, int] = (64, 48)
-    info: Any
-    weights_hash: str
 
     def __init__(self, has_depth: bool = True, has_labels: bool = True):
         super().__init__()
@@ -67,7 +64,7 @@ class FakeModel(Model):
         return self.decode(self.encode(views), views)
 
 
-class WholeModel(nn.Module):
+class WholeModel(Model):
     """A model that is only called as a whole, as some baselines: depth 3 m."""
 
     input_size: tuple[int, int] = (64, 48)

@@ -85,7 +85,7 @@ class Bench:
     def cases(self) -> list[Case]:
         """Every combination of the options that is sound, each once."""
         from mvsam.apps.bench.cases import Case, is_sound, most_references
-        from mvsam.commands.shared import find_device
+        from mvsam.device import find_device
         from mvsam.precision import resolve
 
         device = find_device(self.device)

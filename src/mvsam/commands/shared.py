@@ -34,21 +34,10 @@ Json = Annotated[bool, tyro.conf.arg(help="Print one JSON document to stdout, fo
 def load_model(name: str, device: Device) -> Model:
     """The model of a name, path or hub id, on the device."""
     from mvsam import weights
+    from mvsam.device import find_device
 
     target = find_device(device)
     return weights.load(name).to(target)
-
-
-def find_device(device: Device) -> Literal["cpu", "cuda"]:
-    """Where to run; InputError where a GPU is asked for and there is none."""
-    import torch
-
-    from mvsam.errors import InputError
-
-    has_gpu = torch.cuda.is_available()
-    if device == "cuda" and not has_gpu:
-        raise InputError("no CUDA device was found: leave --device out to use the processor.")
-    return "cuda" if has_gpu and device != "cpu" else "cpu"
 
 
 @contextmanager

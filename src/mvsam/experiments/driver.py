@@ -12,9 +12,9 @@ from lightning.pytorch.utilities import rank_zero_only
 
 from mvsam.build import build
 from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.device import find_device
 from mvsam.encoders.attention import use_plain_attention
 from mvsam.encoders.sam import cache_frozen_features
-from mvsam.errors import InputError
 from mvsam.experiments.checks import (
     check_model,
     check_settings,
@@ -71,7 +71,7 @@ def train(
     """
     num_processes = devices * num_nodes
     check_settings(experiment, num_processes)
-    device = device_of(accelerator)
+    device = find_device(accelerator, "--accelerator")
     _prepare_process(experiment.train.seed, device, devices)
     classes = classes_of(experiment)
     experiment = _with_classes(experiment, len(classes))
@@ -196,14 +196,6 @@ def _name_of(path: Path) -> str:
     if str(path) in embedded():
         return f"{path} {file_hash(locate(str(path))[0])[:8]}"
     return path.parent.name if path.stem == "model" else path.stem
-
-
-def device_of(accelerator: str) -> str:
-    """Where a run with this option trains, "cuda" or "cpu"; InputError where there is no GPU."""
-    has_gpu = torch.cuda.is_available()
-    if accelerator == "gpu" and not has_gpu:
-        raise InputError("no CUDA device was found: leave --accelerator out to use the processor.")
-    return "cuda" if has_gpu and accelerator != "cpu" else "cpu"
 
 
 def initial_model(config: ModelConfig, device: str = "cpu") -> Model:

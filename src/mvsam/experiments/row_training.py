@@ -11,11 +11,12 @@ from pathlib import Path
 from mvsam.convolution import fold_batch_norm
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset
+from mvsam.device import find_device
 from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import evaluate
 from mvsam.evaluation.protocols import PROTOCOLS
 from mvsam.experiments.config import Experiment, ModelConfig
-from mvsam.experiments.driver import LAST, WEIGHTS, device_of, train
+from mvsam.experiments.driver import LAST, WEIGHTS, train
 from mvsam.experiments.results import (
     Result,
     is_of_row,
@@ -200,7 +201,7 @@ def _is_trained(weights: Path, steps: int) -> bool:
 def score(weights: Path, job: Job, progress: Progress | None = None) -> dict:
     """Scores of a row's weights, as `mvsam eval` gives them, without the single scenes."""
     run, protocol = job.run, PROTOCOLS[job.run.protocol]
-    device = device_of(job.accelerator)
+    device = find_device(job.accelerator, "--accelerator")
     model = load(str(weights)).to(device)
     samples = TupleDataset(
         open_data(run.scored_on, cache=run.experiment.data.cache),

@@ -13,7 +13,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from mvsam.errors import InputError
-from mvsam.types import Views
+from mvsam.types import Model, Views
 
 REMEMBERED_PHOTOS = 24
 """Encoded photos kept at once; those of `base` take about 11 MB each."""
@@ -63,9 +63,7 @@ def _gigabytes(size: int) -> str:
     return f"{math.ceil(size / 1e7) / 100:.2f}"
 
 
-def count_needs(
-    model: nn.Module, size: tuple[int, int], num_views: int, pixels_of_photo: int
-) -> Needs:
+def count_needs(model: Model, size: tuple[int, int], num_views: int, pixels_of_photo: int) -> Needs:
     """What a model takes at `size` (width, height): its calls are run on shapes without numbers.
 
     Every tensor alive counts, in float32. What oneDNN and cuDNN take for themselves does not; a
@@ -89,7 +87,7 @@ def count_needs(
         return Needs(encode, photo, _peak_bytes(decode)[0], pictures)
 
 
-def _on_meta(model: nn.Module) -> nn.Module:
+def _on_meta(model: Model) -> Model:
     """A copy of shapes without numbers."""
     tensors = (*model.parameters(), *model.buffers())
     return copy.deepcopy(model, {id(tensor): _shape_of(tensor) for tensor in tensors}).eval()
@@ -100,9 +98,9 @@ def _shape_of(tensor: Tensor) -> Tensor:
     return nn.Parameter(shape, False) if isinstance(tensor, nn.Parameter) else shape
 
 
-def _views(model: nn.Module, size: tuple[int, int], num_views: int) -> Views:
+def _views(model: Model, size: tuple[int, int], num_views: int) -> Views:
     width, height = size
-    semantic_size = getattr(model, "semantic_size", None)
+    semantic_size = model.semantic_size
     with torch.device("meta"):
         return Views(
             images=torch.empty(1, num_views, 3, height, width),

@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any, get_args
 
 import numpy as np
-from torch import nn
 
 from mvsam.build import MODELS, Inputs
 from mvsam.data.camera_checks import check_intrinsics, check_pose
@@ -17,7 +16,7 @@ from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.session import Session
 from mvsam.precision import Precision
-from mvsam.types import Frame
+from mvsam.types import Frame, Model
 
 log = logging.getLogger("mvsam")
 
@@ -26,7 +25,7 @@ MOST_VIEWS = 8
 
 
 def predict(
-    model: nn.Module,
+    model: Model,
     images: Sequence[Any],
     intrinsics: Sequence[Any],
     world_from_cam: Sequence[Any],
@@ -80,16 +79,15 @@ def predict(
         return list(session.predict_all(tuples))
 
 
-def fewest_views(model: nn.Module) -> int:
+def fewest_views(model: Model) -> int:
     """Photos that it needs at least: one if it looks at single pictures, else two."""
-    info: Any = getattr(model, "info", None)
-    spec = MODELS.get(info.model) if info else None
+    spec = MODELS.get(model.info.model) if model.info else None
     return 2 if spec is None or spec.inputs is Inputs.VIEWS else 1
 
 
-def warn_of_other_range(model: nn.Module, depth_range: DepthRange) -> None:
+def warn_of_other_range(model: Model, depth_range: DepthRange) -> None:
     """Says so where the weights were trained for other depths than are searched."""
-    info: Any = getattr(model, "info", None)
+    info = model.info
     if info and info.depth_range[1] > 1.01 * depth_range[1]:
         near, far = info.depth_range
         log.warning(
@@ -99,10 +97,10 @@ def warn_of_other_range(model: nn.Module, depth_range: DepthRange) -> None:
         )
 
 
-def check_measured_depth(model: nn.Module, references: Sequence[Frame]) -> None:
+def check_measured_depth(model: Model, references: Sequence[Frame]) -> None:
     """Raises `InputError` where the model reads depth that a reference lacks."""
     lacking = [frame.name for frame in references if frame.load_depth is None]
-    if lacking and getattr(model, "reads_depth", False):
+    if lacking and model.reads_depth:
         raise InputError(
             f"{lacking[0]}: has no measured depth, which this model reads ({len(lacking)} of "
             f"{len(references)} photos lack it): take a model of RGB views (mvsam models), give "

@@ -11,11 +11,12 @@ import torch
 from torch import nn
 
 from mvsam.data.sampling import ViewTuple
+from mvsam.device import device_of
 from mvsam.errors import InputError
 from mvsam.memory import peak_memory
 from mvsam.precision import Precision, resolve
 from mvsam.provenance import versions
-from mvsam.types import Frame
+from mvsam.types import Frame, Model
 
 IDENTITY = (
     *("scene", "cameras_hash", "model", "weights_hash", "num_views", "depth_range"),
@@ -30,7 +31,7 @@ _HASHED = {
 
 
 def describe_run(
-    model: nn.Module,
+    model: Model,
     scene_name: str,
     frames: Sequence[Frame],
     num_views: int,
@@ -44,7 +45,7 @@ def describe_run(
         "scene": scene_name,
         "cameras_hash": hash_of_cameras(frames),
         "model": model_name(model),
-        "weights_hash": getattr(model, "weights_hash", None) or hash_of_values(model),
+        "weights_hash": model.weights_hash or hash_of_values(model),
         "num_views": num_views,
         "tuples_hash": hash_of_tuples(tuples),
         "depth_range": list(depth_range),
@@ -80,10 +81,9 @@ def describe_cost(seconds: dict[str, float], photos: int) -> dict[str, Any]:
     }
 
 
-def model_name(model: nn.Module) -> str:
+def model_name(model: Model) -> str:
     """The name its weights file gives it, or its class's."""
-    info: Any = getattr(model, "info", None)
-    return info.model if info else type(model).__name__
+    return model.info.model if model.info else type(model).__name__
 
 
 def hash_of_cameras(frames: Sequence[Frame]) -> str:
@@ -111,12 +111,7 @@ def hash_of_values(model: nn.Module) -> str:
     return digest.hexdigest()[:16]
 
 
-def device_of(model: nn.Module) -> torch.device:
-    """Where its parameters are."""
-    return next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
-
-
-def device_name(model: nn.Module) -> str:
+def device_name(model: Model) -> str:
     """The GPU's name, or the processor's architecture."""
     device = device_of(model)
     if device.type == "cuda":

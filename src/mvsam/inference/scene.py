@@ -7,12 +7,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from torch import nn
-
 from mvsam.data.check.report import camera_warning
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.data.sampling import ViewTuple, view_tuples
+from mvsam.device import device_of
 from mvsam.errors import InputError
 from mvsam.evaluation.evaluate import Scores
 from mvsam.files import write_json
@@ -29,14 +28,13 @@ from mvsam.inference.record import (
     check_same_run,
     describe_cost,
     describe_run,
-    device_of,
     is_same_run,
 )
 from mvsam.inference.scoring import score_folder
-from mvsam.inference.session import DEFAULT_SIZE, Session
+from mvsam.inference.session import Session
 from mvsam.memory import memory_in_use
 from mvsam.precision import Precision
-from mvsam.types import Frame, Scene
+from mvsam.types import Frame, Model, Scene
 
 log = logging.getLogger("mvsam")
 
@@ -58,7 +56,7 @@ class SceneResult:
 
 
 def predict_scene(
-    model: nn.Module,
+    model: Model,
     scene: Scene,
     out: str | Path,
     num_views: int = 3,
@@ -185,21 +183,18 @@ class _Work:
         write_json(self.folder.path / "run.json", self.run | {"kinds": self.folder.kinds} | cost)
 
 
-def _photos_within(
-    limit: int | None, model: nn.Module, frames: Sequence[Frame], num_views: int
-) -> int:
+def _photos_within(limit: int | None, model: Model, frames: Sequence[Frame], num_views: int) -> int:
     """How many encoded photos to remember; InputError where even the fewest are too many."""
     if limit is None:
         return REMEMBERED_PHOTOS
-    size = getattr(model, "input_size", DEFAULT_SIZE)
     largest = max(width * height for width, height in (frame.size for frame in frames))
-    needs = count_needs(model, size, num_views, largest)
+    needs = count_needs(model, model.input_size, num_views, largest)
     return photos_within(limit, memory_in_use(device_of(model).type), needs, num_views)
 
 
-def _class_table(model: nn.Module) -> ClassTable:
+def _class_table(model: Model) -> ClassTable:
     """The classes that the model's weights were trained for."""
-    info: Any = getattr(model, "info", None)
+    info = model.info
     return ClassTable(info.classes, info.palette) if info and info.classes else SCANNET20
 
 

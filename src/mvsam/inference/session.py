@@ -16,16 +16,13 @@ from torch import nn
 
 from mvsam.convolution import fold_batch_norm
 from mvsam.data.dataset import make_views
+from mvsam.device import device_of
 from mvsam.inference.limits import REMEMBERED_PHOTOS
 from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.reading import PhotoReader
-from mvsam.inference.record import device_of
 from mvsam.inference.upsampling import depth_at_size, labels_at_size, smooth_at_size
 from mvsam.precision import Precision, autocast
-from mvsam.types import Frame, Prediction, Views
-
-DEFAULT_SIZE = (320, 256)
-"""(width, height) of the paper's network, for models that do not say theirs."""
+from mvsam.types import Frame, Model, Prediction, Views
 
 
 class Stopwatch:
@@ -63,7 +60,7 @@ class Session:
 
     def __init__(
         self,
-        model: nn.Module,
+        model: Model,
         depth_range: tuple[float, float],
         remembered_photos: int = REMEMBERED_PHOTOS,
         precision: Precision = "auto",
@@ -71,7 +68,7 @@ class Session:
         self.model = fold_batch_norm(model)
         self.depth_range = depth_range
         self.precision: Precision = precision
-        self.size: tuple[int, int] = getattr(model, "input_size", DEFAULT_SIZE)
+        self.size: tuple[int, int] = model.input_size
         self.device = device_of(model)
         self.can_encode = hasattr(model, "encode") and hasattr(model, "decode")
         self.stopwatch = Stopwatch()
@@ -120,8 +117,7 @@ class Session:
         return self._encoded[frame.name]
 
     def _read(self, frame: Frame) -> Views:
-        semantic_size = getattr(self.model, "semantic_size", None)
-        return make_views([frame], self.size, self.depth_range, semantic_size)
+        return make_views([frame], self.size, self.depth_range, self.model.semantic_size)
 
     def _decode(self, photos: list[EncodedPhoto]) -> Prediction:
         """The model's word on the first photo."""

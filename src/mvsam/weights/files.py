@@ -82,7 +82,7 @@ def locate(name: str | Path) -> tuple[Path, Path]:
 
 
 def save(
-    model: nn.Module,
+    model: Model,
     path: str | Path,
     name: str,
     depth_range: tuple[float, float] = (0.1, 5.0),
@@ -98,12 +98,12 @@ def save(
     }
     info = WeightsInfo(
         model=name,
-        num_classes=getattr(model, "num_classes", 20),
+        num_classes=model.num_classes,
         classes=classes,
         palette=palette,
         depth_range=depth_range,
-        input_size=getattr(model, "input_size", model_spec(name).input_size),
-        semantic_size=getattr(model, "semantic_size", None),
+        input_size=model.input_size,
+        semantic_size=model.semantic_size,
         training=training or {},
     )
     path = Path(path)
