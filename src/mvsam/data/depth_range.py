@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mvsam.data.frusta import Cameras
+from mvsam.geometry.points import to_pixels
 from mvsam.types import Frame
 
 USUAL = (0.1, 5.0)
@@ -47,9 +48,7 @@ def depths_in_view(
     for index in range(len(cameras)):
         pose = cameras.world_from_cam[index]
         local = (points - pose[:3, 3]) @ pose[:3, :3]
-        local = local[local[:, 2] > 1e-3]
-        pixels = local @ cameras.intrinsics[index].T
-        place = pixels[:, :2] / pixels[:, 2:]
-        inside = ((place >= 0) & (place <= cameras.sizes[index])).all(axis=1)
-        found.append(local[inside, 2])
+        pixels, depth = to_pixels(local, cameras.intrinsics[index])
+        inside = ((pixels >= 0) & (pixels <= cameras.sizes[index])).all(axis=1)
+        found.append(depth[inside])
     return np.concatenate(found)

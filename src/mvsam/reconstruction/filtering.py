@@ -11,6 +11,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mvsam.geometry.points import moved, to_pixels, viewing_rays
+
 
 @runtime_checkable
 class Camera(Protocol):
@@ -31,11 +33,8 @@ def back_project(
 ) -> Float[np.ndarray, "height width 3"]:
     """World points of every pixel's centre, metres; meaningless where depth is 0."""
     width, height = camera.size
-    column, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    rays = np.stack([column, row, np.ones_like(column)], axis=-1)
-    rays = rays @ np.linalg.inv(camera.intrinsics).T
-    rotation, centre = camera.world_from_cam[:3, :3], camera.world_from_cam[:3, 3]
-    return (rays * depth[..., None]) @ rotation.T + centre
+    rays = viewing_rays(*np.meshgrid(np.arange(width), np.arange(height)), camera.intrinsics)
+    return moved(rays * depth[..., None], camera.world_from_cam)
 
 
 def project(
@@ -43,15 +42,10 @@ def project(
 ) -> tuple[Float[np.ndarray, "*points 2"], Float[np.ndarray, "*points"]]:
     """Pixel coordinates (corner convention) and depth (metres) of world points.
 
-    Behind the camera the depth is negative or zero and the pixel is (-1, -1), outside the picture.
+    Behind the camera the depth is negative or zero and the pixel is infinitely far away.
     """
     rotation, centre = camera.world_from_cam[:3, :3], camera.world_from_cam[:3, 3]
-    in_camera = (points - centre) @ rotation
-    depth = in_camera[..., 2]
-    in_front = depth > 1e-6
-    homogeneous = in_camera @ camera.intrinsics.T
-    pixels = homogeneous[..., :2] / np.where(in_front, depth, 1.0)[..., None]
-    return np.where(in_front[..., None], pixels, -1.0), depth
+    return to_pixels((points - centre) @ rotation, camera.intrinsics)
 
 
 def agreement(

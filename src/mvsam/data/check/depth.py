@@ -25,6 +25,7 @@ from mvsam.data.depth_range import DepthRange
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
 from mvsam.data.transforms import resize_intrinsics, resize_nearest
 from mvsam.errors import counted
+from mvsam.geometry.points import moved, to_pixels, viewing_rays
 from mvsam.types import Frame
 
 SIZE = (80, 60)
@@ -212,17 +213,11 @@ def _carried(
 ) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
     """(pixels, depths) of `here`'s surfaces in `there`; infinite pixels behind the camera."""
     rows, columns = np.nonzero(here.depth > 0)
-    pixels = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
-    rays = pixels @ np.linalg.inv(_intrinsics(here, reading)).T
-    points = rays * here.depth[rows, columns, None]
+    rays = viewing_rays(columns, rows, _intrinsics(here, reading))
     poses = reading.poses(np.stack([here.world_from_cam, there.world_from_cam]))
     there_from_here = np.linalg.inv(poses[1]) @ poses[0]
-    moved = points @ there_from_here[:3, :3].T + there_from_here[:3, 3]
-    projected = moved @ _intrinsics(there, reading).T
-    z = projected[:, 2]
-    ahead = z > 1e-3
-    safe = np.where(ahead, z, 1.0)[:, None]
-    return np.where(ahead[:, None], projected[:, :2] / safe, np.inf), z
+    points = moved(rays * here.depth[rows, columns, None], there_from_here)
+    return to_pixels(points, _intrinsics(there, reading))
 
 
 def _intrinsics(view: _View, reading: Reading) -> Float[np.ndarray, "3 3"]:

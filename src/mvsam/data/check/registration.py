@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from mvsam.data.readers.seven_scenes import COLOR_CAMERA, COLOR_FROM_DEPTH, DEPTH_CAMERA
 from mvsam.data.transforms import area_resize, resize_intrinsics, resize_nearest
+from mvsam.geometry.points import moved, to_pixels, viewing_rays
 from mvsam.types import Frame
 
 SIZE = (320, 240)
@@ -70,8 +71,7 @@ def _correlation(
     points = _points(here, camera)
     first, is_first = _at(points, detail, here)
     there_from_here = np.linalg.inv(there.world_from_cam) @ here.world_from_cam
-    moved = points @ there_from_here[:3, :3].T + there_from_here[:3, 3]
-    second, is_second = _at(moved, other, there)
+    second, is_second = _at(moved(points, there_from_here), other, there)
     seen = is_first & is_second
     if seen.sum() < FEWEST_POINTS or not (first[seen].std() and second[seen].std()):
         return 0.0
@@ -84,22 +84,19 @@ def _points(frame: Frame, camera: DepthCamera) -> Float[np.ndarray, "point 3"]:
     assert depth is not None
     small = resize_nearest(depth, SIZE).astype(np.float64)
     rows, columns = 2 * np.array(np.nonzero(small[::2, ::2] > 0))
-    pixels = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
     focal = np.array([[camera.focal_factor, 1, 1], [1, camera.focal_factor, 1], [1, 1, 1]])
-    rays = pixels @ np.linalg.inv(_intrinsics(frame) * focal).T
-    points = rays * small[rows, columns, None]
-    return points @ camera.color_from_depth[:3, :3].T + camera.color_from_depth[:3, 3]
+    rays = viewing_rays(columns, rows, _intrinsics(frame) * focal)
+    return moved(rays * small[rows, columns, None], camera.color_from_depth)
 
 
 def _at(
     points: Float[np.ndarray, "point 3"], detail: np.ndarray, frame: Frame
 ) -> tuple[np.ndarray, np.ndarray]:
     """(the picture's value where each point is seen, whether it is)."""
-    projected = points @ _intrinsics(frame).T
-    z = np.maximum(projected[:, 2], 1e-6)
-    column, row = np.floor(projected[:, :2] / z[:, None]).T
+    pixels, _ = to_pixels(points, _intrinsics(frame))
+    column, row = np.floor(pixels).T
     left, top = EDGE * SIZE[0], EDGE * SIZE[1]
-    seen = (projected[:, 2] > 1e-3) & (column >= left) & (column < SIZE[0] - left)
+    seen = (column >= left) & (column < SIZE[0] - left)
     seen &= (row >= top) & (row < SIZE[1] - top)
     values = detail[np.where(seen, row, 0).astype(int), np.where(seen, column, 0).astype(int)]
     return values, seen
