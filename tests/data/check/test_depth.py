@@ -108,6 +108,13 @@ def test_too_little_depth_is_no_verdict(frames):
     assert depth_verdict(without, RANGE).fits is None
 
 
+def test_maps_without_depth_accuse_nobody(frames):
+    empty = [replace(f, load_depth=lambda f=f: np.zeros_like(f.depth)) for f in frames]
+    verdict = depth_verdict(empty, RANGE)
+    assert verdict.fits is None and "empty" in verdict.sentence
+    assert depth_verdict([*empty[:-1], frames[-1]], RANGE).fits is None
+
+
 def test_a_report_counts_what_the_folder_holds(tmp_path):
     truth = write_posed_folder(tmp_path, num_frames=6)
     report = report_scene(PosedFolder(tmp_path), RANGE)

@@ -80,6 +80,8 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
     if len(with_depth) < FEWEST_FRAMES:
         few = f"{counted(len(with_depth), 'frame')} with depth: too few to judge the cameras by."
         return Verdict(None, few, {})
+    if _is_empty(with_depth):
+        return Verdict(None, "the depth maps are empty: no pixel has a depth.", {})
     pairs = _pairs(with_depth, depth_range)
     is_few = len(with_depth) < FEWEST_TO_BE_SURE
     known = ALL_READINGS if is_few else ALL_READINGS + IN_ANOTHER_UNIT
@@ -91,6 +93,12 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
     elif fits:
         fits, sentence = _acquittal(matches, _typical_step(with_depth, GIVEN))
     return Verdict(fits, sentence, {remedy: match.agreement for remedy, match in matches.items()})
+
+
+def _is_empty(frames: Sequence[Frame]) -> bool:
+    """Whether none of a few evenly spaced frames has a pixel with depth."""
+    looked_at = frames[:: -(-len(frames) // FEWEST_FRAMES)]
+    return not any(np.any(frame.depth) for frame in looked_at)
 
 
 def _accusation(matches: dict[str, Match], fails: float) -> tuple[bool | None, str] | None:
