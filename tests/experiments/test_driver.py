@@ -69,6 +69,22 @@ def test_a_killed_and_resumed_run_ends_with_the_weights_of_one_never_killed(
     assert not torch.equal(resumed["decoder.class_tokens"], half_way["decoder.class_tokens"])
 
 
+def test_what_is_frozen_stays_as_it_is_through_a_whole_run(data: Path, tmp_path: Path):
+    """Lightning does not say `train()`, and validation says `eval()` in the middle of it."""
+    experiment = small_experiment(data, 4, "32-true")
+    frozen = replace(experiment, model=replace(experiment.model, tuned_blocks=0))
+    counts = batches_counted(drive(frozen, tmp_path / "encoder", 1))
+    assert {n for key, n in counts.items() if "patch_embed" in key} == {0}
+    assert all(n > 0 for key, n in counts.items() if "patch_embed" not in key)
+    norms = replace(experiment, train=replace(experiment.train, frozen_norms=True))
+    assert set(batches_counted(drive(norms, tmp_path / "norms", 1)).values()) == {0}
+
+
+def batches_counted(weights: Path) -> dict[str, int]:
+    """How many batches each batch norm of a run took statistics of."""
+    return {k: int(v) for k, v in load_file(weights).items() if k.endswith("batches_tracked")}
+
+
 def test_single_photos_are_refused_where_the_model_cannot_learn_from_them(
     data: Path, tmp_path: Path
 ):
