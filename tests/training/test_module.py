@@ -124,21 +124,3 @@ def test_scores_do_not_leak_from_one_validation_into_the_next():
         module.validation_step((["room"], random_views(height=32, width=32), targets), 0)
         module.on_validation_epoch_end()
         assert logged["val/rel"] == pytest.approx(rel)
-
-
-@pytest.mark.parametrize("frozen", [False, True])
-def test_frozen_norms_keep_their_statistics_while_their_weights_learn(frozen: bool):
-    model = small_model("tiny")
-    module = TrainingModule(
-        model, JointLoss(), OptimizerConfig(), (0.1, 5.0), frozen_norms=frozen
-    ).train()
-    before = {key: value.clone() for key, value in model.state_dict().items() if "running" in key}
-    views = random_views(height=64, width=64)
-    targets = random_targets(height=64, width=64)
-    JointLoss()(model(views), targets, views.depth_range)["loss"].backward()
-    after = model.state_dict()
-    assert all(torch.equal(after[key], before[key]) for key in before) == frozen
-    assert model.cascade is not None
-    norm = model.cascade.regularizers[0].entry[1]  # pyright: ignore
-    assert norm.weight.grad.ne(0).any()
-    assert module.eval().model.training is False

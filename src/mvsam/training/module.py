@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import torch
 from lightning import LightningModule
 from torch import Tensor, nn
-from torch.nn.modules.batchnorm import _BatchNorm
 
 from mvsam.evaluation.evaluate import SceneScores, score_item
 from mvsam.evaluation.protocols import Protocol
@@ -29,9 +28,6 @@ class TrainConfig:
     sync_batchnorm: bool = True
     """Statistics over the samples of all GPUs (the paper has two samples on each and is silent).
     On CPUs, which have no such layer, every process normalises its own share."""
-    frozen_norms: bool = False
-    """Batch norms keep the statistics that the run begins with, and that it will predict with. For
-    trained weights: statistics of a few samples depend on how many views they have."""
     val_every: int = 1000
     """Steps between looks at the validation scenes."""
     checkpoint_every: int = 250
@@ -54,7 +50,6 @@ class TrainingModule(LightningModule):
         optimizer: OptimizerConfig,
         depth_range: tuple[float, float],
         singles_weight: float = 1.0,
-        frozen_norms: bool = False,
     ):
         super().__init__()
         self.model = model
@@ -62,20 +57,9 @@ class TrainingModule(LightningModule):
         self.optimizer_config = optimizer
         self.depth_range = depth_range
         self.singles_weight = singles_weight
-        self.frozen_norms = frozen_norms
-
-    def train(self, mode: bool = True) -> "TrainingModule":
-        """With `frozen_norms` batch norms stay in evaluation mode."""
-        super().train(mode)
-        if mode and self.frozen_norms:
-            for module in self.model.modules():
-                if isinstance(module, _BatchNorm):
-                    module.eval()
-        return self
 
     def on_train_start(self) -> None:
-        """Lightning leaves modes as they are; parts that are frozen stay in evaluation mode only
-        when they are told that training begins."""
+        """Frozen parts go to evaluation mode when they are told to train; Lightning does not."""
         self.train()
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
