@@ -112,7 +112,7 @@ _RUNS = (
         model=ModelConfig("tiny", init=("tiny",)),
         data=_FULL,
         loss=JointLoss(),
-        optimizer=OptimizerConfig(lr=4e-4, steps=200, gradient_clip=1.0, schedule=OneCycle()),
+        optimizer=OptimizerConfig(lr=1e-4, steps=200, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=4, val_every=100, checkpoint_every=20),
     ),
     Experiment(
