@@ -21,7 +21,7 @@ HELP_FLAGS = ("-h", "--help")
 class Train:
     """Trains a run, or goes on with it where it stopped.
 
-    Every setting of the run can be changed, as --optimizer.lr 1e-4;
+    Every setting of the run can be changed, as --optimizer.lr 3e-4;
     mvsam train RUN --help lists them with their values in that run.
 
     Example: mvsam train tiny --out runs/mine --optimizer.steps 500

@@ -6,8 +6,7 @@ Points lie in the axes of a camera: x right, y down, z forward, metres.
 import numpy as np
 from jaxtyping import Float
 
-NEAREST_Z = 1e-6
-"""Metres; what is nearer than this, or behind the camera, has no pixel."""
+from mvsam.geometry.warp import MINIMUM_Z
 
 
 def viewing_rays(
@@ -21,9 +20,9 @@ def viewing_rays(
 def to_pixels(
     points: Float[np.ndarray, "*points 3"], intrinsics: Float[np.ndarray, "3 3"]
 ) -> tuple[Float[np.ndarray, "*points 2"], Float[np.ndarray, "*points"]]:
-    """Pixel coordinates (corner convention), infinite where there are none, and depths."""
+    """Pixel coordinates (corner convention), infinite where the camera sees none, and depths."""
     depth = points[..., 2]
-    in_front = depth > NEAREST_Z
+    in_front = depth > MINIMUM_Z
     homogeneous = points @ intrinsics.T
     pixels = homogeneous[..., :2] / np.where(in_front, depth, 1.0)[..., None]
     return np.where(in_front[..., None], pixels, np.inf), depth

@@ -59,7 +59,7 @@ class TrainingModule(LightningModule):
         self.singles_weight = singles_weight
 
     def on_train_start(self) -> None:
-        """Frozen parts go to evaluation mode when they are told to train; Lightning does not."""
+        """Says `train()`, which Lightning does not: frozen parts then go to evaluation mode."""
         self.train()
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:

@@ -112,7 +112,9 @@ def test_maps_without_depth_accuse_nobody(frames):
     empty = [replace(f, load_depth=lambda f=f: np.zeros_like(f.depth)) for f in frames]
     verdict = depth_verdict(empty, RANGE)
     assert verdict.fits is None and "empty" in verdict.sentence
-    assert depth_verdict([*empty[:-1], frames[-1]], RANGE).fits is None
+    assert depth_verdict([frames[0], *empty[1:]], RANGE).fits is None
+    of_keyframes = [frame if n % 3 == 0 else empty[n] for n, frame in enumerate(frames)]
+    assert depth_verdict(of_keyframes, RANGE).fits is not False
 
 
 def test_a_report_counts_what_the_folder_holds(tmp_path):

@@ -80,25 +80,25 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
     if len(with_depth) < FEWEST_FRAMES:
         few = f"{counted(len(with_depth), 'frame')} with depth: too few to judge the cameras by."
         return Verdict(None, few, {})
-    if _is_empty(with_depth):
-        return Verdict(None, "the depth maps are empty: no pixel has a depth.", {})
-    pairs = _pairs(with_depth, depth_range)
+    view = cache(lambda index: _View.of(with_depth[index]))
+    pairs = [
+        (here, there)
+        for here, there in _pairs(with_depth, depth_range)
+        if view(here).depth.any() and view(there).depth.any()
+    ]
+    if not pairs:
+        empty = "the depth maps are empty, or those of photos that show the same are."
+        return Verdict(None, empty, {})
     is_few = len(with_depth) < FEWEST_TO_BE_SURE
     known = ALL_READINGS if is_few else ALL_READINGS + IN_ANOTHER_UNIT
     readings = [r for r in known if r is GIVEN or _is_plausible(with_depth, r)]
-    matches = _matches(with_depth, pairs, readings)
+    matches = _matches([(view(here), view(there)) for here, there in pairs], readings)
     fits, sentence = _accusation(matches, FAILS_IN_FEW if is_few else FITS) or (True, "")
     if fits and is_unregistered(with_depth, pairs):
         fits, sentence = False, f"the cameras {UNREGISTERED} (the photos then match better)."
     elif fits:
         fits, sentence = _acquittal(matches, _typical_step(with_depth, GIVEN))
     return Verdict(fits, sentence, {remedy: match.agreement for remedy, match in matches.items()})
-
-
-def _is_empty(frames: Sequence[Frame]) -> bool:
-    """Whether none of a few evenly spaced frames has a pixel with depth."""
-    looked_at = frames[:: -(-len(frames) // FEWEST_FRAMES)]
-    return not any(np.any(frame.depth) for frame in looked_at)
 
 
 def _accusation(matches: dict[str, Match], fails: float) -> tuple[bool | None, str] | None:
@@ -189,12 +189,8 @@ class _View:
         )
 
 
-def _matches(
-    frames: Sequence[Frame], pairs: Sequence[tuple[int, int]], readings: Sequence[Reading]
-) -> dict[str, Match]:
+def _matches(views: Sequence[tuple[_View, _View]], readings: Sequence[Reading]) -> dict[str, Match]:
     """For each reading, by its remedy."""
-    view = cache(lambda index: _View.of(frames[index]))
-    views = [(view(here), view(there)) for here, there in pairs]
     given = [_carried(here, there, GIVEN)[0] for here, there in views]
     return {reading.remedy: _match(views, given, reading) for reading in readings}
 
