@@ -87,8 +87,7 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
         if view(here).depth.any() and view(there).depth.any()
     ]
     if not pairs:
-        empty = "the depth maps are empty, or those of photos that show the same are."
-        return Verdict(None, empty, {})
+        return Verdict(None, "the depth maps are empty where photos overlap.", {})
     is_few = len(with_depth) < FEWEST_TO_BE_SURE
     known = ALL_READINGS if is_few else ALL_READINGS + IN_ANOTHER_UNIT
     readings = [r for r in known if r is GIVEN or _is_plausible(with_depth, r)]
