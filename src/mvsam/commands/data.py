@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mvsam.commands.shared import Json, Scale, print_json, progress_bar
+from mvsam.commands.shared import Json, Scale, for_each_scene, print_json, progress_bar
 from mvsam.errors import InputError, counted
 
 if TYPE_CHECKING:
     from mvsam.data.check.report import SceneReport
+    from mvsam.types import Scene
 
 Scenes = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SCENE")]
 
@@ -44,25 +45,20 @@ class Check:
         from mvsam.data.check.report import report_scene
 
         scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
-        reports, failures = [], []
-        for index in range(len(scenes)):
-            try:
-                report = report_scene(scenes[index], self.depth_range)
-            except InputError as error:
-                if len(scenes) == 1:
-                    raise
-                print(f"error: {error}\n", file=sys.stderr)
-                failures.append(error)
-                continue
-            reports.append(report)
+        reports: list[SceneReport] = []
+
+        def check(scene: Scene) -> None:
+            reports.append(report_scene(scene, self.depth_range))
             if not self.json:
-                print(f"{_as_text(report)}\n")
+                print(f"{_as_text(reports[-1])}\n")
+
+        failure = for_each_scene(scenes, check)
         if self.json:
             print_json(
                 [asdict(report) | {"is_suspicious": report.is_suspicious} for report in reports]
             )
-        if failures:
-            raise InputError(f"{len(failures)} of {len(scenes)} scenes failed, as said above.")
+        if failure is not None:
+            raise failure
         if self.strict and any(report.is_suspicious for report in reports):
             sys.exit(1)
 

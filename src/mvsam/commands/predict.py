@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mvsam.commands.shared import Device, Scale, load_model, progress_bar
+from mvsam.commands.shared import Device, Scale, for_each_scene, load_model, progress_bar
 from mvsam.errors import InputError, counted
 
 if TYPE_CHECKING:
@@ -77,17 +76,11 @@ class Predict:
         scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         if self.tuples is not None:
             scenes = prescribe(scenes, self.tuples, self.views, self.depth_range)
-        failures = []
-        for index in range(len(scenes)):
-            try:
-                self._predict(model, scenes[index], len(scenes) > 1)
-            except InputError as error:
-                if len(scenes) == 1:
-                    raise
-                print(f"error: {error}", file=sys.stderr)
-                failures.append(error)
-        if failures:
-            raise InputError(f"{len(failures)} of {len(scenes)} scenes failed, as said above.")
+        failure = for_each_scene(
+            scenes, lambda scene: self._predict(model, scene, is_one_of_many=len(scenes) > 1)
+        )
+        if failure is not None:
+            raise failure
 
     def _predict(self, model: Model, scene: Scene, is_one_of_many: bool) -> None:
         out = self.out / scene.name if is_one_of_many else self.out

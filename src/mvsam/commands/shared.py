@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from mvsam.errors import InputError
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from mvsam.types import Model
+    from mvsam.types import Model, Scene
 
 Device = Literal["auto", "cpu", "cuda"]
 """auto: a GPU where there is one."""
@@ -38,6 +40,25 @@ def load_model(name: str, device: Device) -> Model:
 
     target = find_device(device)
     return weights.load(name).to(target)
+
+
+def for_each_scene(scenes: Sequence[Scene], work: Callable[[Scene], None]) -> InputError | None:
+    """Does the work with every scene, printing the InputError of one that fails.
+
+    Returns what to raise in the end where some failed. A lone scene's error is raised at once.
+    """
+    failed = 0
+    for index in range(len(scenes)):
+        try:
+            work(scenes[index])
+        except InputError as error:
+            if len(scenes) == 1:
+                raise
+            print(f"error: {error}\n", file=sys.stderr)
+            failed += 1
+    return (
+        InputError(f"{failed} of {len(scenes)} scenes failed, as said above.") if failed else None
+    )
 
 
 @contextmanager
