@@ -7,7 +7,7 @@ import trimesh
 
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.reconstruction.cloud import PointCloud
-from mvsam.reconstruction.export import colored_by_label, write_cloud
+from mvsam.reconstruction.export import colored_by_label, write_model
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def cloud() -> PointCloud:
 
 
 def test_ply_reads_back_with_trimesh(cloud: PointCloud, tmp_path: Path):
-    write_cloud(tmp_path / "room.ply", cloud)
+    write_model(tmp_path / "room.ply", cloud)
     read = trimesh.load(tmp_path / "room.ply")
     assert isinstance(read, trimesh.PointCloud)
     np.testing.assert_array_equal(read.vertices, cloud.points)
@@ -33,7 +33,7 @@ def test_ply_reads_back_with_trimesh(cloud: PointCloud, tmp_path: Path):
 
 
 def test_ply_header_names_every_property(cloud: PointCloud, tmp_path: Path):
-    write_cloud(tmp_path / "room.ply", cloud)
+    write_model(tmp_path / "room.ply", cloud)
     header, _, body = (tmp_path / "room.ply").read_bytes().partition(b"end_header\n")
     assert b"format binary_little_endian 1.0\n" in header and b"element vertex 50\n" in header
     assert b"property float x\n" in header and b"property uchar label\n" in header
@@ -41,7 +41,7 @@ def test_ply_header_names_every_property(cloud: PointCloud, tmp_path: Path):
 
 
 def test_glb_reads_back_with_trimesh(cloud: PointCloud, tmp_path: Path):
-    write_cloud(tmp_path / "room.glb", cloud)
+    write_model(tmp_path / "room.glb", cloud)
     scene = trimesh.load(tmp_path / "room.glb")
     assert isinstance(scene, trimesh.Scene)
     (points,) = scene.geometry.values()
@@ -52,17 +52,17 @@ def test_glb_reads_back_with_trimesh(cloud: PointCloud, tmp_path: Path):
 def test_glb_without_trimesh_names_the_extra(cloud: PointCloud, tmp_path: Path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'mvsam\[reconstruct\]'"):
-        write_cloud(tmp_path / "room.glb", cloud)
+        write_model(tmp_path / "room.glb", cloud)
     assert not list(tmp_path.iterdir())
 
 
 def test_other_endings_are_refused(cloud: PointCloud, tmp_path: Path):
     with pytest.raises(InputError, match=r"room\.obj must end in \.ply or \.glb"):
-        write_cloud(tmp_path / "room.obj", cloud)
+        write_model(tmp_path / "room.obj", cloud)
 
 
 def test_colouring_by_label_takes_the_palette_s_colours(cloud: PointCloud):
     palette = np.arange(768, dtype=np.uint32).reshape(256, 3).astype(np.uint8)
-    np.testing.assert_array_equal(
-        colored_by_label(cloud, palette).colors[:, 0], palette[:, 0][cloud.labels]
-    )
+    colored = colored_by_label(cloud, palette)
+    assert isinstance(colored, PointCloud)
+    np.testing.assert_array_equal(colored.colors, palette[cloud.labels])

@@ -5,29 +5,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mvsam.data.formats import open_scene
 from mvsam.data.labels import SCANNET20
 from mvsam.errors import InputError
-from mvsam.inference.scene import predict_scene
 from mvsam.reconstruction.cloud import build_cloud
 from mvsam.reconstruction.filtering import back_project
 from mvsam.reconstruction.folder import read_predictions
 from mvsam.reconstruction.settings import CloudSettings
-from tests.inference.fake_model import FakeModel
 from tests.reconstruction.test_filtering import distance_to_walls
-from tests.synthetic import write_posed_folder
-
-SIZE = (128, 96)
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A `predict` folder of the box room, its depth true (at the photo's size)."""
-    write_posed_folder(tmp_path / "room", 4, SIZE)
-    model = FakeModel()
-    model.input_size = SIZE
-    predict_scene(model, open_scene(tmp_path / "room"), tmp_path / "out")
-    return tmp_path / "out"
 
 
 def test_true_depths_rebuild_the_room(folder: Path):

@@ -13,23 +13,26 @@ from mvsam.errors import InputError
 from mvsam.reconstruction.settings import CloudSettings
 
 if TYPE_CHECKING:
-    from mvsam.reconstruction.cloud import PointCloud
+    from mvsam.reconstruction.export import Model3D
 
 
 @dataclass(frozen=True)
 class Reconstruct:
-    """A labelled point cloud from the maps that mvsam predict wrote.
+    """A labelled point cloud or mesh from the maps that mvsam predict wrote.
 
-    A depth is kept where it is confident and other photos agree with it; points are then merged
-    per voxel. PLY carries x y z in metres, colour, label and confidence; GLB colour alone.
+    A depth is kept where it is confident and other photos agree with it. Points are then merged per
+    voxel; with --mesh the depths are fused into one surface. PLY carries x y z in metres, colour,
+    label and confidence of points and of vertices; GLB colour alone.
 
-    Example: mvsam reconstruct out/my_room --out room.ply
+    Example: mvsam reconstruct out/my_room --out room.glb --mesh
     """
 
     folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR")]
     """The --out folder of mvsam predict."""
     out: Path
-    """The cloud, .ply or .glb."""
+    """The cloud or mesh, .ply or .glb."""
+    mesh: bool = False
+    """Make a surface of triangles; needs scikit-image (pip install 'mvsam[reconstruct]')."""
     color: Literal["photo", "label"] = "photo"
     """Colour points as photographed, or by their class."""
     settings: Annotated[CloudSettings, tyro.conf.arg(name="")] = field(
@@ -37,16 +40,16 @@ class Reconstruct:
     )
 
     def run(self) -> None:
-        cloud = reconstruct(self)
-        print(f"{self.out}: {len(cloud):,} points")
+        print(f"{self.out}: {size_of(reconstruct(self))}")
 
 
-def reconstruct(arguments: Reconstruct) -> PointCloud:
-    """Builds the cloud with a progress bar and writes it."""
+def reconstruct(arguments: Reconstruct) -> Model3D:
+    """Builds the cloud or the mesh with a progress bar and writes it."""
     from mvsam.files import writable_folder
     from mvsam.reconstruction.cloud import build_cloud
-    from mvsam.reconstruction.export import colored_by_label, write_cloud
+    from mvsam.reconstruction.export import colored_by_label, write_model
     from mvsam.reconstruction.folder import read_predictions
+    from mvsam.reconstruction.mesh import build_mesh
 
     if arguments.out.suffix.lower() not in (".ply", ".glb"):
         raise InputError(f"{arguments.out} must end in .ply or .glb.")
@@ -54,10 +57,20 @@ def reconstruct(arguments: Reconstruct) -> PointCloud:
     writable_folder(arguments.out.parent)
     with progress_bar() as progress:
         task = progress.add_task("reconstruct", total=len(views))
-        cloud = build_cloud(views, arguments.settings, lambda: progress.advance(task))
+        build = build_mesh if arguments.mesh else build_cloud
+        model = build(views, arguments.settings, lambda: progress.advance(task))
     if arguments.color == "label":
         if views[0].label_path is None:
             raise InputError(f"{arguments.folder} holds no labels: leave --color label out.")
-        cloud = colored_by_label(cloud, views[0].palette())
-    write_cloud(arguments.out, cloud)
-    return cloud
+        model = colored_by_label(model, views[0].palette())
+    write_model(arguments.out, model)
+    return model
+
+
+def size_of(model: Model3D) -> str:
+    """Its points, or triangles, in words."""
+    from mvsam.reconstruction.mesh import Mesh
+
+    if isinstance(model, Mesh):
+        return f"{len(model.faces):,} triangles"
+    return f"{len(model):,} points"

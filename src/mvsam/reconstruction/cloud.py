@@ -1,6 +1,6 @@
 """Labelled point clouds: the trusted depths of many photos, merged per voxel."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -122,14 +122,9 @@ def build_cloud(
 
     Raises `InputError` when no depth survives.
     """
-    # Each depth is read as a reference and again as a neighbour: keep the recent ones.
-    read_depth = lru_cache(maxsize=4 * settings.neighbours)(lambda index: views[index].depth())
-    samples = [_few_points(view, read_depth(index)) for index, view in enumerate(views)]
     grid = VoxelGrid(settings.voxel_size)
-    for index, view in enumerate(views):
-        near = neighbours(views, samples, index, settings.neighbours)
-        others = [(views[other], read_depth(other)) for other in near]
-        grid.add(_trusted_points(view, read_depth(index), others, settings))
+    for view, depth in trusted_depths(views, settings):
+        grid.add(points_of(view, depth))
         on_photo()
     cloud = grid.cloud()
     if not len(cloud):
@@ -139,31 +134,43 @@ def build_cloud(
     return cloud
 
 
-def _few_points(view: DepthView, depth: np.ndarray) -> np.ndarray:
-    """About 300 world points of a photo, enough to tell who else sees them."""
-    step = max(int(np.sqrt(depth.size / 300)), 1)
-    return back_project(view, depth)[::step, ::step][depth[::step, ::step] > 0]
+def trusted_depths(
+    views: Sequence[DepthView], settings: CloudSettings
+) -> Iterator[tuple[DepthView, Float[np.ndarray, "height width"]]]:
+    """Every photo with its depth map, metres, in which only depths that pass the filters are left.
+
+    The others are 0.
+    """
+    # Each depth is read as a reference and again as a neighbour: keep the recent ones.
+    read_depth = lru_cache(maxsize=4 * settings.neighbours)(lambda index: views[index].depth())
+    samples = [_few_points(view, read_depth(index)) for index, view in enumerate(views)]
+    for index, view in enumerate(views):
+        near = neighbours(views, samples, index, settings.neighbours)
+        depth = read_depth(index)
+        keep = trusted(
+            view,
+            depth,
+            view.confidence(),
+            [(views[other], read_depth(other)) for other in near],
+            settings.minimum_confidence,
+            settings.minimum_consistent_views,
+            settings.relative_tolerance,
+        )
+        yield view, np.where(keep, depth, 0)
 
 
-def _trusted_points(
-    view: DepthView,
-    depth: np.ndarray,
-    others: Sequence[tuple[DepthView, np.ndarray]],
-    settings: CloudSettings,
-) -> PointCloud:
-    confidence = view.confidence()
-    keep = trusted(
-        view,
-        depth,
-        confidence,
-        others,
-        settings.minimum_confidence,
-        settings.minimum_consistent_views,
-        settings.relative_tolerance,
-    )
+def points_of(view: DepthView, depth: Float[np.ndarray, "height width"]) -> PointCloud:
+    """What a photo says of the points that it sees: all pixels whose depth is not 0."""
+    keep = depth > 0
     return PointCloud(
         points=back_project(view, depth)[keep],
         colors=view.photo()[keep],
         labels=view.labels()[keep],
-        confidence=confidence[keep],
+        confidence=view.confidence()[keep],
     )
+
+
+def _few_points(view: DepthView, depth: np.ndarray) -> np.ndarray:
+    """About 300 world points of a photo, enough to tell who else sees them."""
+    step = max(int(np.sqrt(depth.size / 300)), 1)
+    return back_project(view, depth)[::step, ::step][depth[::step, ::step] > 0]

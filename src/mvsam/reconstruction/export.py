@@ -1,14 +1,15 @@
-"""Point clouds as files: PLY written by hand, GLB through trimesh."""
+"""Point clouds and meshes as files: PLY written by hand, GLB through trimesh."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Int, UInt8
 
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.files import write_whole
 from mvsam.reconstruction.cloud import PointCloud
+from mvsam.reconstruction.mesh import Mesh
 
 PLY_VERTEX = np.dtype(
     [
@@ -22,24 +23,46 @@ PLY_VERTEX = np.dtype(
         ("confidence", "<f4"),
     ]
 )
+PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
 
-
-def colored_by_label(cloud: PointCloud, palette: UInt8[np.ndarray, "256 3"]) -> PointCloud:
-    """The same points in the colours of their classes."""
-    return replace(cloud, colors=palette[cloud.labels])
+Model3D = PointCloud | Mesh
 
 
-def write_cloud(path: Path, cloud: PointCloud) -> None:
+def colored_by_label(model: Model3D, palette: UInt8[np.ndarray, "256 3"]) -> Model3D:
+    """The same in the colours of its classes."""
+    if isinstance(model, Mesh):
+        return replace(model, vertices=colored_by_label(model.vertices, palette))
+    return replace(model, colors=palette[model.labels])
+
+
+def write_model(path: Path, model: Model3D) -> None:
     """Writes `.ply` or `.glb`, as the ending of `path` says."""
     writers = {".ply": write_ply, ".glb": write_glb}
     if path.suffix.lower() not in writers:
         raise InputError(f"{path} must end in .ply or .glb")
-    writers[path.suffix.lower()](path, cloud)
+    writers[path.suffix.lower()](path, model)
 
 
-def write_ply(path: Path, cloud: PointCloud) -> None:
-    """Binary little-endian PLY: x y z (metres), red green blue, label (255 = none), confidence."""
+def write_ply(path: Path, model: Model3D) -> None:
+    """Binary little-endian PLY: x y z (metres), red green blue, label (255 = none), confidence.
+
+    Of a mesh then its triangles: the number 3 and three vertices.
+    """
+    cloud, faces = _parts(model)
+    corners = np.empty(len(faces), PLY_FACE)
+    corners["count"], corners["vertices"] = 3, faces
+    content = _ply_header(len(cloud), len(faces)) + _ply_vertices(cloud) + corners.tobytes()
+    write_whole(path, lambda file: file.write(content))
+
+
+def _parts(model: Model3D) -> tuple[PointCloud, Int[np.ndarray, "face 3"]]:
+    if isinstance(model, Mesh):
+        return model.vertices, model.faces
+    return model, np.empty((0, 3), np.int64)
+
+
+def _ply_vertices(cloud: PointCloud) -> bytes:
     vertices = np.empty(len(cloud), PLY_VERTEX)
     for axis, name in enumerate(("x", "y", "z")):
         vertices[name] = cloud.points[:, axis]
@@ -47,25 +70,27 @@ def write_ply(path: Path, cloud: PointCloud) -> None:
         vertices[name] = cloud.colors[:, channel]
     vertices["label"] = cloud.labels
     vertices["confidence"] = cloud.confidence
-    write_whole(path, lambda file: file.write(_ply_header(len(cloud)) + vertices.tobytes()))
+    return vertices.tobytes()
 
 
-def _ply_header(num_points: int) -> bytes:
+def _ply_header(num_points: int, num_faces: int) -> bytes:
     properties = [
         f"property {PLY_TYPES[PLY_VERTEX[name].str]} {name}" for name in PLY_VERTEX.names or ()
     ]
+    of_faces = [f"element face {num_faces}", "property list uchar int vertex_indices"]
     lines = [
         "ply",
         "format binary_little_endian 1.0",
         "comment metres; label 255 = none",
         f"element vertex {num_points}",
         *properties,
+        *(of_faces if num_faces else []),
         "end_header",
     ]
     return ("\n".join(lines) + "\n").encode()
 
 
-def write_glb(path: Path, cloud: PointCloud) -> None:
+def write_glb(path: Path, model: Model3D) -> None:
     """Binary glTF with vertex colours; labels and confidence need PLY.
 
     Coordinates stay those of the scene; glTF viewers take +y for up.
@@ -74,7 +99,11 @@ def write_glb(path: Path, cloud: PointCloud) -> None:
         import trimesh
     except ImportError as error:
         raise MissingExtraError("GLB export", "trimesh", "reconstruct") from error
-    points = trimesh.PointCloud(cloud.points, colors=cloud.colors)
-    content = trimesh.Scene([points]).export(file_type="glb")
+    cloud, faces = _parts(model)
+    if len(faces):
+        shape = trimesh.Trimesh(cloud.points, faces, vertex_colors=cloud.colors, process=False)
+    else:
+        shape = trimesh.PointCloud(cloud.points, colors=cloud.colors)
+    content = trimesh.Scene([shape]).export(file_type="glb")
     assert isinstance(content, bytes)
     write_whole(path, lambda file: file.write(content))

@@ -1,0 +1,82 @@
+"""A labelled surface: its shape from all trusted depths, colours and labels from the cloud."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mvsam.errors import InputError, MissingExtraError
+from mvsam.reconstruction.cloud import PointCloud, VoxelGrid, points_of, trusted_depths
+from mvsam.reconstruction.folder import DepthView
+from mvsam.reconstruction.settings import CloudSettings
+from mvsam.reconstruction.tsdf import TsdfVolume
+
+FEWEST_TRIANGLES = 100
+"""Pieces of the surface with fewer are left out: depths that were wrong twice."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles between coloured, labelled points."""
+
+    vertices: PointCloud
+    faces: Int[np.ndarray, "face 3"]
+    """Three vertices each, counter-clockwise as the cameras saw them."""
+
+
+def build_mesh(
+    views: Sequence[DepthView],
+    settings: CloudSettings,
+    on_photo: Callable[[], None] = lambda: None,
+) -> Mesh:
+    """The labelled surface of all depths that pass the filters; `on_photo` is called after each.
+
+    Every vertex takes colour, label and confidence of the nearest point of the cloud.
+    Raises `InputError` when no surface is left.
+    """
+    grid, volume = VoxelGrid(settings.voxel_size), TsdfVolume(settings.voxel_size)
+    for view, depth in trusted_depths(views, settings):
+        grid.add(points_of(view, depth))
+        volume.add(view, depth, np.maximum(view.confidence(), 1e-3))
+        on_photo()
+    vertices, faces = _large_pieces(*volume.surface())
+    if not len(faces):
+        raise InputError(
+            "no surface is left: lower --minimum-confidence or --minimum-consistent-views, or take "
+            "larger voxels (--voxel-size)"
+        )
+    return Mesh(_dressed(vertices, grid.cloud()), faces)
+
+
+def _large_pieces(
+    vertices: Float[np.ndarray, "_ 3"], faces: Int[np.ndarray, "_ 3"]
+) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
+    """The same surface with each vertex once, without specks."""
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingExtraError("a mesh", "trimesh", "reconstruct") from error
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces())
+    if not len(mesh.faces):
+        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+    piece = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
+    mesh.update_faces(np.bincount(piece)[piece] >= FEWEST_TRIANGLES)
+    mesh.remove_unreferenced_vertices()
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def _dressed(vertices: Float[np.ndarray, "vertex 3"], cloud: PointCloud) -> PointCloud:
+    """The vertices with what the cloud says at its nearest points."""
+    from scipy.spatial import KDTree  # scikit-image needs it too
+
+    _, nearest = KDTree(cloud.points).query(vertices)
+    return replace(
+        cloud,
+        points=vertices.astype(np.float32),
+        colors=cloud.colors[nearest],
+        labels=cloud.labels[nearest],
+        confidence=cloud.confidence[nearest],
+    )
