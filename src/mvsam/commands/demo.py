@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mvsam.commands.predict import Predict, predict_with_bar
-from mvsam.commands.reconstruct import Reconstruct, reconstruct
+from mvsam.commands.reconstruct import Reconstruct, reconstruct, size_of
 from mvsam.commands.shared import Device, load_model, print_table
 from mvsam.errors import InputError
 
@@ -22,14 +22,14 @@ SAMPLE = Path(__file__).parents[1] / "assets" / "sample"
 class Demo:
     """The main job on the sample room that comes with the package, with its weights.
 
-    Writes the maps of five photos, a labelled point cloud, and scores against the truth. Needs no
-    network, no GPU and no other data.
+    Writes the maps of five photos, a labelled point cloud, a mesh, and scores against the truth.
+    Needs no network, no GPU and no other data.
 
     Example: mvsam demo --out out/demo
     """
 
     out: Path = Path("out/demo")
-    """Folder for the maps and the clouds."""
+    """Folder for the maps, the clouds and the mesh."""
     device: Device = "auto"
     """Where the network runs; auto takes a GPU where there is one."""
 
@@ -48,15 +48,17 @@ class Demo:
         result = predict_with_bar(arguments, model, open_scene(SAMPLE), self.out)
         by_photo = Reconstruct(self.out, self.out / "room.ply")
         by_label = replace(by_photo, out=self.out / "room_labels.ply", color="label")
-        num_points = len(reconstruct(by_photo))
+        cloud = reconstruct(by_photo)
         reconstruct(by_label)
-        _report(self.out, result, num_points)
+        mesh = reconstruct(replace(by_photo, out=self.out / "room.glb", mesh=True))
+        _report(self.out, result, size_of(cloud), size_of(mesh))
 
 
-def _report(out: Path, result: SceneResult, num_points: int) -> None:
+def _report(out: Path, result: SceneResult, cloud_size: str, mesh_size: str) -> None:
     assert result.scores is not None  # the sample has ground truth
     print_table(result.scores.as_table())
     print(f"Pictures: {out / 'preview'} (photo, depth, labels side by side)")
     print(f"Maps:     {out / 'depth'}, {out / 'confidence'}, {out / 'labels'}")
-    print(f"Cloud:    {out / 'room.ply'} and room_labels.ply ({num_points:,} points)")
+    print(f"Cloud:    {out / 'room.ply'} and room_labels.ply ({cloud_size})")
+    print(f"Mesh:     {out / 'room.glb'} ({mesh_size})")
     print(f"Scores:   {out / 'metrics.json'}")
