@@ -130,6 +130,7 @@ VERBS = [
     "eval",
     "models",
     "reconstruct",
+    "report",
     "rooms export",
     "data check",
     "data convert",

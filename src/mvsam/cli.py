@@ -21,6 +21,7 @@ from mvsam.commands.export import Export
 from mvsam.commands.models import Models
 from mvsam.commands.predict import Predict
 from mvsam.commands.reconstruct import Reconstruct
+from mvsam.commands.report import Report
 from mvsam.commands.rooms import Rooms
 from mvsam.commands.table import Table
 from mvsam.commands.train import Train
@@ -35,6 +36,7 @@ Verb = (
     | Annotated[Table, tyro.conf.subcommand("table")]
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
+    | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Rooms, tyro.conf.subcommand("rooms")]
     | Annotated[Data, tyro.conf.subcommand("data")]
     | Annotated[Export, tyro.conf.subcommand("export")]

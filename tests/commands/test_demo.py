@@ -10,7 +10,7 @@ from tests.inference.fake_model import FakeModel
 from tests.synthetic import write_posed_folder
 
 
-def test_demo_writes_maps_clouds_a_mesh_and_scores(tmp_path: Path, monkeypatch, capsys):
+def test_demo_writes_maps_scores_clouds_a_mesh_and_a_page(tmp_path: Path, monkeypatch, capsys):
     write_posed_folder(tmp_path / "sample", 5, (128, 96))
     monkeypatch.setattr(demo, "SAMPLE", tmp_path / "sample")
     monkeypatch.setattr(weights, "load", lambda name: FakeModel())
@@ -24,4 +24,5 @@ def test_demo_writes_maps_clouds_a_mesh_and_scores(tmp_path: Path, monkeypatch, 
     for name in ("room.ply", "room_labels.ply"):
         cloud = trimesh.load(out / name)
         assert isinstance(cloud, trimesh.PointCloud) and len(cloud.vertices) > 500
+    assert "<canvas" in (out / "report.html").read_text()
     assert len(trimesh.load_mesh(out / "room.glb").faces) > 500

@@ -87,3 +87,9 @@ def test_neighbours_are_those_that_see_the_same_points_best_first():
     turned = Camera(views[1])
     turned.world_from_cam = turned.world_from_cam @ np.diag([-1.0, 1, -1, 1])
     assert neighbours([cameras[0], turned], points[:2], 0, 2) == []
+
+
+def test_a_photo_without_depth_has_no_neighbours():
+    cameras = [Camera(view) for view in synthetic_views(2)]
+    points = [np.empty((0, 3)), np.ones((4, 3))]
+    assert neighbours(cameras, points, 0, most=3) == []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mvsam.commands.predict import Predict, predict_with_bar
 from mvsam.commands.reconstruct import Reconstruct, reconstruct, size_of
+from mvsam.commands.report import Report, report
 from mvsam.commands.shared import Device, load_model, print_table
 from mvsam.errors import InputError
 
@@ -22,14 +23,14 @@ SAMPLE = Path(__file__).parents[1] / "assets" / "sample"
 class Demo:
     """The main job on the sample room that comes with the package, with its weights.
 
-    Writes the maps of five photos, a labelled point cloud, a mesh, and scores against the truth.
-    Needs no network, no GPU and no other data.
+    Writes the maps of five photos, scores against the truth, a labelled point cloud, a mesh, and a
+    page that shows it all. Needs no network, no GPU and no other data.
 
     Example: mvsam demo --out out/demo
     """
 
     out: Path = Path("out/demo")
-    """Folder for the maps, the clouds and the mesh."""
+    """Folder for all of it."""
     device: Device = "auto"
     """Where the network runs; auto takes a GPU where there is one."""
 
@@ -51,10 +52,11 @@ class Demo:
         cloud = reconstruct(by_photo)
         reconstruct(by_label)
         mesh = reconstruct(replace(by_photo, out=self.out / "room.glb", mesh=True))
-        _report(self.out, result, size_of(cloud), size_of(mesh))
+        page = report(Report(self.out))
+        _say(self.out, result, size_of(cloud), size_of(mesh), page)
 
 
-def _report(out: Path, result: SceneResult, cloud_size: str, mesh_size: str) -> None:
+def _say(out: Path, result: SceneResult, cloud_size: str, mesh_size: str, page: Path) -> None:
     assert result.scores is not None  # the sample has ground truth
     print_table(result.scores.as_table())
     print(f"Pictures: {out / 'preview'} (photo, depth, labels side by side)")
@@ -62,3 +64,4 @@ def _report(out: Path, result: SceneResult, cloud_size: str, mesh_size: str) -> 
     print(f"Cloud:    {out / 'room.ply'} and room_labels.ply ({cloud_size})")
     print(f"Mesh:     {out / 'room.glb'} ({mesh_size})")
     print(f"Scores:   {out / 'metrics.json'}")
+    print(f"All of it: {page}, to be opened in a browser")

@@ -72,8 +72,10 @@ def neighbours(
 ) -> list[int]:
     """The photos that see most of a photo's points, best first; at most `most`, never itself.
 
-    `points_of[i]` are a few world points that photo i sees.
+    `points_of[i]` are a few world points that photo i sees; who sees none has no neighbours.
     """
+    if not len(points_of[reference]):
+        return []
     seen = np.zeros(len(cameras))
     for index, camera in enumerate(cameras):
         pixels, _ = project(camera, points_of[reference])

@@ -73,7 +73,9 @@ class JointLoss:
         for stage, weight in zip(stages, self.stage_weights, strict=True):
             target = depth_at(depth, stage.depth.shape[-2:])
             error = F.smooth_l1_loss(stage.depth, target, beta=self.beta, reduction="none")
-            error = error * (1 - self.relative + self.relative * RELATIVE_TO / target.clamp(min=0.1))
+            error = error * (
+                1 - self.relative + self.relative * RELATIVE_TO / target.clamp(min=0.1)
+            )
             total = total + weight * masked_mean(error, is_depth_known(target, depth_range))
         return total
 
