@@ -131,6 +131,7 @@ VERBS = [
     "models",
     "reconstruct",
     "report",
+    "view",
     "rooms export",
     "data check",
     "data convert",

@@ -25,6 +25,7 @@ from mvsam.commands.report import Report
 from mvsam.commands.rooms import Rooms
 from mvsam.commands.table import Table
 from mvsam.commands.train import Train
+from mvsam.commands.view import View
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.files import DiskFullError
 
@@ -37,6 +38,7 @@ Verb = (
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Reconstruct, tyro.conf.subcommand("reconstruct")]
     | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Rooms, tyro.conf.subcommand("rooms")]
     | Annotated[Data, tyro.conf.subcommand("data")]
     | Annotated[Export, tyro.conf.subcommand("export")]

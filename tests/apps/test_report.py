@@ -23,6 +23,7 @@ from mvsam.apps.report.thumbnails import (
     photo_thumbnail,
 )
 from mvsam.commands.report import Report
+from mvsam.commands.view import View
 from mvsam.data.formats import open_scene
 from mvsam.data.labels import SCANNET20
 from mvsam.errors import InputError
@@ -393,6 +394,17 @@ def test_the_command_writes_one_whole_page_and_says_where(folder: Path, tmp_path
     assert Page(written.read_text(encoding="utf-8")).open == []
     Report(folder, tmp_path / "new" / "room.html").run()
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["room.html"]
+
+
+@pytest.mark.parametrize(("has_browser", "said"), [(True, "opened"), (False, "no browser found")])
+def test_viewing_opens_the_page_that_it_writes(
+    folder: Path, monkeypatch, capsys, has_browser: bool, said: str
+):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or has_browser)
+    View(folder).run()
+    assert opened == [(folder / "report.html").resolve().as_uri()]
+    assert (folder / "report.html").is_file() and said in capsys.readouterr().out
 
 
 def test_a_damaged_folder_is_named_and_leaves_the_old_page(folder: Path):
