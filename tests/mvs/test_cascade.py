@@ -4,7 +4,13 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from mvsam.mvs.cascade import DepthCascade, combined_confidence, four_plane_mass, regress
+from mvsam.mvs.cascade import (
+    DepthCascade,
+    combined_confidence,
+    four_plane_mass,
+    regress,
+    smoothed,
+)
 from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.types import DepthStage, Views
 from tests import synthetic
@@ -69,13 +75,33 @@ def test_confidence_carries_no_gradient():
     assert stage.depth.requires_grad and not stage.confidence.requires_grad
 
 
-def test_combined_confidence_is_the_product_of_the_stages():
-    def stage(value: float, side: int) -> DepthStage:
-        maps = torch.full((1, side, side), value)
-        return DepthStage(maps[:, None], maps[:, None], maps, maps)
+def sure(confidence: torch.Tensor) -> DepthStage:
+    return DepthStage(confidence[:, None], confidence[:, None], confidence, confidence)
 
-    product = combined_confidence([stage(0.5, 2), stage(0.8, 4), stage(0.5, 8)], (8, 8))
-    torch.testing.assert_close(product, torch.full((1, 8, 8), 0.2))
+
+def test_combined_confidence_is_the_product_of_the_stages_but_the_last():
+    stages = [sure(torch.full((1, side, side), mass)) for side, mass in [(2, 0.5), (4, 0.8)]]
+    last = sure(torch.rand(1, 8, 8))
+    product = combined_confidence([*stages, last], (8, 8))
+    torch.testing.assert_close(product, torch.full((1, 8, 8), 0.4))
+    alone = combined_confidence([sure(torch.full((1, 8, 8), 0.3))], (8, 8))
+    torch.testing.assert_close(alone, torch.full((1, 8, 8), 0.3))
+
+
+@pytest.mark.parametrize(("side", "window"), [(64, 17), (32, 9), (16, 5)])
+def test_confidence_is_a_mean_over_as_much_of_the_picture_in_every_stage(side: int, window: int):
+    mass = torch.rand(1, side, side)
+    means = smoothed(mass, (64, 64))
+    corner = mass[0, : window // 2 + 1, : window // 2 + 1]  # what lies outside does not count
+    torch.testing.assert_close(means[0, 0, 0], corner.mean())
+
+
+def test_smoothing_spreads_one_pixel_evenly():
+    mass = torch.zeros(1, 64, 64)
+    mass[0, 30, 40] = 1
+    spread = torch.zeros(1, 64, 64)
+    spread[0, 22:39, 32:49] = 1 / 17**2
+    torch.testing.assert_close(smoothed(mass, (64, 64)), spread)
 
 
 def test_uniform_scores_give_the_middle_of_the_range_everywhere():

@@ -18,6 +18,9 @@ from mvsam.mvs.prior import log_density
 from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.types import DepthPrior, DepthStage, Views
 
+SMOOTHING = 8
+"""Pixels of the picture to each side that confidence is averaged over."""
+
 
 class DepthCascade(nn.Module):
     """Coarse to fine depth of view 0 from feature pyramids of all views.
@@ -160,9 +163,24 @@ def four_plane_mass(
 def combined_confidence(
     stages: Sequence[DepthStage], size: tuple[int, int]
 ) -> Float[Tensor, "batch height width"]:
-    """Product over the stages of their four-plane mass, each upsampled to `size`; 0..1."""
-    maps = [
-        F.interpolate(stage.confidence[:, None], size, mode="bilinear", align_corners=False)
-        for stage in stages
-    ]
-    return torch.stack(maps).prod(dim=0)[:, 0]
+    """Product of the four-plane mass of the stages but the last, smoothed, at `size`; 0..1.
+
+    The last stage searches so few planes, so close together, that its mass hardly tells right from
+    wrong (docs/log.md); a single stage speaks for itself.
+    """
+    maps = [smoothed(stage.confidence, size) for stage in stages[:-1] or stages]
+    return torch.stack(maps).prod(dim=0)
+
+
+def smoothed(
+    confidence: Float[Tensor, "batch _height _width"], size: tuple[int, int]
+) -> Float[Tensor, "batch height width"]:
+    """Mean over 16 pixels of the picture each way, about, upsampled to the picture's `size`.
+
+    Whether a match is right is the same for neighbours, what the mass says of each is noisy.
+    """
+    reach = SMOOTHING * confidence.shape[-1] // size[1]
+    means = F.avg_pool2d(
+        confidence[:, None], 2 * reach + 1, stride=1, padding=reach, count_include_pad=False
+    )
+    return F.interpolate(means, size, mode="bilinear", align_corners=False)[:, 0]

@@ -9,7 +9,7 @@ class CloudSettings:
 
     voxel_size: float = 0.02
     """Edge of the voxels that points are merged into, metres."""
-    minimum_confidence: float = 0.2
+    minimum_confidence: float = 0.4
     """Depths the network is less sure of are left out, 0..1."""
     minimum_consistent_views: int = 1
     """So many other photos must agree with a depth."""
