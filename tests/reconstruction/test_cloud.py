@@ -68,3 +68,20 @@ def test_a_voxel_size_must_suit_the_scene():
 
 def test_an_empty_grid_is_an_empty_cloud():
     assert len(VoxelGrid(CloudSettings().voxel_size).cloud()) == 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"voxel_size": 0.0},
+        {"voxel_size": float("inf")},
+        {"minimum_confidence": 20.0},
+        {"relative_tolerance": -1.0},
+        {"neighbours": -1},
+        {"minimum_consistent_views": -1},
+    ],
+)
+def test_settings_out_of_range_are_named(wrong: dict):
+    (name,) = wrong
+    with pytest.raises(InputError, match="--" + name.replace("_", "-")):
+        CloudSettings(**wrong)

@@ -7,7 +7,8 @@ import trimesh
 
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.reconstruction.cloud import PointCloud
-from mvsam.reconstruction.export import colored_by_label, write_model
+from mvsam.reconstruction.export import colored_by_label, linear_light, write_model
+from tests.reconstruction.glb import glb_tree
 
 
 @pytest.fixture
@@ -46,7 +47,26 @@ def test_glb_reads_back_with_trimesh(cloud: PointCloud, tmp_path: Path):
     assert isinstance(scene, trimesh.Scene)
     (points,) = scene.geometry.values()
     np.testing.assert_allclose(points.vertices, cloud.points, atol=1e-6)
-    np.testing.assert_array_equal(np.asarray(points.colors)[:, :3], cloud.colors)
+    np.testing.assert_array_equal(np.asarray(points.colors)[:, :3], linear_light(cloud.colors))
+
+
+def test_glb_shows_the_colours_of_the_photos_as_they_are(cloud: PointCloud, tmp_path: Path):
+    write_model(tmp_path / "room.glb", cloud)
+    tree = glb_tree(tmp_path / "room.glb")
+    (primitive,) = tree["meshes"][0]["primitives"]
+    assert "KHR_materials_unlit" in tree["materials"][primitive["material"]]["extensions"]
+    assert tree["extensionsUsed"] == ["KHR_materials_unlit"]
+
+
+def test_linear_light_is_that_of_srgb():
+    colors = np.array([[0, 255, 188], [10, 128, 99]], np.uint8)  # half of the light is 188
+    np.testing.assert_array_equal(linear_light(colors), [[0, 255, 128], [1, 55, 32]])
+
+
+def test_a_folder_is_no_target(cloud: PointCloud, tmp_path: Path):
+    (tmp_path / "room.ply").mkdir()
+    with pytest.raises(InputError, match=r"room\.ply is a folder"):
+        write_model(tmp_path / "room.ply", cloud)
 
 
 def test_glb_without_trimesh_names_the_extra(cloud: PointCloud, tmp_path: Path, monkeypatch):

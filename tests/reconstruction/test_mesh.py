@@ -1,17 +1,20 @@
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from mvsam.commands.reconstruct import Reconstruct
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.reconstruction.cloud import build_cloud
-from mvsam.reconstruction.export import colored_by_label, write_model
+from mvsam.reconstruction.export import colored_by_label, linear_light, write_model
 from mvsam.reconstruction.folder import read_predictions
 from mvsam.reconstruction.mesh import FEWEST_TRIANGLES, Mesh, _large_pieces, build_mesh
 from mvsam.reconstruction.settings import CloudSettings
+from tests.reconstruction.glb import glb_colors
 from tests.reconstruction.test_filtering import distance_to_walls
 
 SETTINGS = CloudSettings(voxel_size=0.05)
@@ -55,7 +58,40 @@ def test_specks_are_left_out():
 
 def test_a_mesh_of_nothing_says_what_to_do(folder: Path):
     with pytest.raises(InputError, match="no surface is left: lower --minimum-confidence"):
-        build_mesh(read_predictions(folder), CloudSettings(minimum_consistent_views=4))
+        build_mesh(read_predictions(folder), CloudSettings(relative_tolerance=0.0))
+
+
+def test_photos_too_few_to_confirm_each_other_are_told_apart(folder: Path):
+    views = read_predictions(folder)[:1]
+    for build in (build_mesh, build_cloud):
+        with pytest.raises(InputError, match="1 photo with depth cannot confirm"):
+            build(views, CloudSettings())
+
+
+def test_a_photo_weighs_as_much_as_it_is_confident(folder: Path):
+    views = read_predictions(folder)[:2]
+    sure, unsure = np.full((96, 128), 255, np.uint8), np.full((96, 128), 26, np.uint8)
+    for view, confidence, factor in zip(views, (sure, unsure), (1.0, 1.02), strict=True):
+        assert view.confidence_path is not None
+        Image.fromarray(confidence).save(view.confidence_path)
+        with Image.open(view.depth_path) as picture:
+            depth = np.array(picture)
+        Image.fromarray((depth * factor).astype(np.uint16)).save(view.depth_path)
+    settings = CloudSettings(voxel_size=0.05, minimum_confidence=0.0)
+    both = distance_to_walls(build_mesh(views, settings).vertices.points)
+    alone = distance_to_walls(
+        build_mesh(views[1:], replace(settings, minimum_consistent_views=0)).vertices.points
+    )
+    assert np.median(both) < 0.2 * np.median(alone)
+
+
+@pytest.mark.parametrize("library", ["skimage.measure", "scipy.spatial", "trimesh"])
+def test_a_missing_library_is_named_before_any_work(folder: Path, monkeypatch, library: str):
+    monkeypatch.setitem(sys.modules, library, None)
+    photos = []
+    with pytest.raises(MissingExtraError, match=r"pip install 'mvsam\[reconstruct\]'"):
+        build_mesh(read_predictions(folder), SETTINGS, lambda: photos.append(1))
+    assert not photos
 
 
 @pytest.mark.parametrize("ending", ["ply", "glb"])
@@ -65,9 +101,12 @@ def test_files_read_back_with_trimesh(mesh: Mesh, tmp_path: Path, ending: str):
     assert isinstance(read, trimesh.Trimesh)
     np.testing.assert_array_equal(read.faces, mesh.faces)
     np.testing.assert_allclose(read.vertices, mesh.vertices.points, atol=1e-6)
-    colors = getattr(read.visual, "vertex_colors")[:, :3]  # noqa: B009, trimesh types it too widely
-    np.testing.assert_array_equal(colors, mesh.vertices.colors)
-    if ending == "ply":
+    if ending == "glb":
+        colors = glb_colors(tmp_path / "room.glb")
+        np.testing.assert_array_equal(colors[:, :3], linear_light(mesh.vertices.colors))
+    else:
+        colors = getattr(read.visual, "vertex_colors")  # noqa: B009, trimesh types it too widely
+        np.testing.assert_array_equal(colors[:, :3], mesh.vertices.colors)
         stored = read.metadata["_ply_raw"]["vertex"]["data"]
         np.testing.assert_array_equal(np.ravel(stored["label"]), mesh.vertices.labels)
 
@@ -86,9 +125,3 @@ def test_the_command_writes_a_mesh_and_counts_triangles(folder: Path, tmp_path: 
     assert "triangles" in capsys.readouterr().out
     read = trimesh.load_mesh(out)
     assert isinstance(read, trimesh.Trimesh) and len(read.faces) > 1000
-
-
-def test_without_trimesh_the_extra_is_named(folder: Path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'mvsam\[reconstruct\]'"):
-        build_mesh(read_predictions(folder), SETTINGS)

@@ -1,11 +1,9 @@
-import sys
-
 import numpy as np
 import pytest
 import trimesh
 
-from mvsam.errors import InputError, MissingExtraError
-from mvsam.reconstruction.filtering import project
+from mvsam.errors import InputError
+from mvsam.reconstruction.filtering import back_project, project
 from mvsam.reconstruction.tsdf import EDGE, TsdfVolume
 from tests.reconstruction.test_filtering import Camera, distance_to_walls
 from tests.reference.tsdf import fused_distance
@@ -102,7 +100,20 @@ def test_voxels_must_have_a_size():
         TsdfVolume(0.0)
 
 
-def test_without_scikit_image_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "skimage.measure", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'mvsam\[reconstruct\]'"):
-        box_room(1).surface()
+def test_every_voxel_within_the_truncation_of_a_depth_has_a_block():
+    view = synthetic_views(1)[0]
+    camera = Camera(view)
+    volume = box_room(1)
+    around = [back_project(camera, view.depth + off) for off in np.linspace(-0.19, 0.19, 9)]
+    places = np.floor(np.concatenate(around).reshape(-1, 3) / (EDGE * VOXEL)).astype(int)
+    assert {tuple(place) for place in places.tolist()} <= set(volume._blocks)
+
+
+def test_blocks_keep_no_more_memory_than_their_own():
+    assert all(block.base is None for block in box_room(2)._blocks.values())
+
+
+def test_too_fine_voxels_are_refused_before_memory_is_short(monkeypatch):
+    monkeypatch.setattr("mvsam.reconstruction.tsdf.MOST_BLOCKS", 20)
+    with pytest.raises(InputError, match="choose larger voxels"):
+        box_room(1)

@@ -30,9 +30,9 @@ class Reconstruct:
     folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR")]
     """The --out folder of mvsam predict."""
     out: Path
-    """The cloud or mesh, .ply or .glb."""
+    """The cloud or mesh, .ply or .glb (GLB needs pip install 'mvsam[reconstruct]')."""
     mesh: bool = False
-    """Make a surface of triangles; needs scikit-image (pip install 'mvsam[reconstruct]')."""
+    """Make a surface of triangles (needs pip install 'mvsam[reconstruct]')."""
     color: Literal["photo", "label"] = "photo"
     """Colour points as photographed, or by their class."""
     settings: Annotated[CloudSettings, tyro.conf.arg(name="")] = field(
@@ -47,21 +47,20 @@ def reconstruct(arguments: Reconstruct) -> Model3D:
     """Builds the cloud or the mesh with a progress bar and writes it."""
     from mvsam.files import writable_folder
     from mvsam.reconstruction.cloud import build_cloud
-    from mvsam.reconstruction.export import colored_by_label, write_model
+    from mvsam.reconstruction.export import check_target, colored_by_label, write_model
     from mvsam.reconstruction.folder import read_predictions
     from mvsam.reconstruction.mesh import build_mesh
 
-    if arguments.out.suffix.lower() not in (".ply", ".glb"):
-        raise InputError(f"{arguments.out} must end in .ply or .glb.")
+    check_target(arguments.out)
     views = read_predictions(arguments.folder)
+    if arguments.color == "label" and views[0].label_path is None:
+        raise InputError(f"{arguments.folder} holds no labels: leave --color label out.")
     writable_folder(arguments.out.parent)
     with progress_bar() as progress:
         task = progress.add_task("reconstruct", total=len(views))
         build = build_mesh if arguments.mesh else build_cloud
         model = build(views, arguments.settings, lambda: progress.advance(task))
     if arguments.color == "label":
-        if views[0].label_path is None:
-            raise InputError(f"{arguments.folder} holds no labels: leave --color label out.")
         model = colored_by_label(model, views[0].palette())
     write_model(arguments.out, model)
     return model

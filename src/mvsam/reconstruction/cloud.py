@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.reconstruction.filtering import back_project, neighbours, trusted
 from mvsam.reconstruction.folder import DepthView
 from mvsam.reconstruction.settings import CloudSettings
@@ -15,6 +15,10 @@ from mvsam.types import IGNORE
 
 KEY_BITS = 18
 """Bits of one voxel coordinate inside a 64-bit key, beside 8 bits of label."""
+
+
+class NothingLeft(InputError):
+    """No depth passes the filters."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ def build_cloud(
 ) -> PointCloud:
     """The labelled cloud of all depths that pass the filters; `on_photo` is called after each.
 
-    Raises `InputError` when no depth survives.
+    Raises `NothingLeft` when no depth survives.
     """
     grid = VoxelGrid(settings.voxel_size)
     for view, depth in trusted_depths(views, settings):
@@ -128,10 +132,18 @@ def build_cloud(
         on_photo()
     cloud = grid.cloud()
     if not len(cloud):
-        raise InputError(
-            "no depth passed the filters: lower --minimum-confidence or --minimum-consistent-views"
-        )
+        raise NothingLeft(f"no depth passed the filters: {remedy(views, settings)}")
     return cloud
+
+
+def remedy(views: Sequence[DepthView], settings: CloudSettings) -> str:
+    """What to do where the filters leave nothing."""
+    if len(views) <= settings.minimum_consistent_views:
+        return (
+            f"{counted(len(views), 'photo')} with depth cannot confirm each other, take "
+            f"--minimum-consistent-views {len(views) - 1}"
+        )
+    return "lower --minimum-confidence or --minimum-consistent-views"
 
 
 def trusted_depths(

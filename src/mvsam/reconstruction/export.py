@@ -1,6 +1,7 @@
 """Point clouds and meshes as files: PLY written by hand, GLB through trimesh."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +38,23 @@ def colored_by_label(model: Model3D, palette: UInt8[np.ndarray, "256 3"]) -> Mod
 
 
 def write_model(path: Path, model: Model3D) -> None:
-    """Writes `.ply` or `.glb`, as the ending of `path` says."""
+    """Writes `.ply` or `.glb`, as the ending of `path` says; raises what `check_target` does."""
+    check_target(path)
     writers = {".ply": write_ply, ".glb": write_glb}
-    if path.suffix.lower() not in writers:
-        raise InputError(f"{path} must end in .ply or .glb")
     writers[path.suffix.lower()](path, model)
+
+
+def check_target(path: Path) -> None:
+    """Raises `InputError` where no model can be written, `MissingExtraError` without trimesh."""
+    if path.suffix.lower() not in (".ply", ".glb"):
+        raise InputError(f"{path} must end in .ply or .glb.")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: choose another --out.")
+    if path.suffix.lower() == ".glb":
+        try:
+            import_module("trimesh")
+        except ImportError as error:
+            raise MissingExtraError("GLB export", "trimesh", "reconstruct") from error
 
 
 def write_ply(path: Path, model: Model3D) -> None:
@@ -91,19 +104,36 @@ def _ply_header(num_points: int, num_faces: int) -> bytes:
 
 
 def write_glb(path: Path, model: Model3D) -> None:
-    """Binary glTF with vertex colours; labels and confidence need PLY.
+    """Binary glTF with vertex colours, shown as they are (unlit); labels and confidence need PLY.
 
     Coordinates stay those of the scene; glTF viewers take +y for up.
     """
-    try:
-        import trimesh
-    except ImportError as error:
-        raise MissingExtraError("GLB export", "trimesh", "reconstruct") from error
+    import trimesh
+
     cloud, faces = _parts(model)
+    colors = linear_light(cloud.colors)
     if len(faces):
-        shape = trimesh.Trimesh(cloud.points, faces, vertex_colors=cloud.colors, process=False)
+        shape = trimesh.Trimesh(cloud.points, faces, vertex_colors=colors, process=False)
     else:
-        shape = trimesh.PointCloud(cloud.points, colors=cloud.colors)
-    content = trimesh.Scene([shape]).export(file_type="glb")
+        shape = trimesh.PointCloud(cloud.points, colors=colors)
+    content = trimesh.Scene([shape]).export(file_type="glb", tree_postprocessor=_unlit)
     assert isinstance(content, bytes)
     write_whole(path, lambda file: file.write(content))
+
+
+def linear_light(colors: UInt8[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3"]:
+    """Of sRGB colours, as glTF wants those of vertices; eight bits are coarse in the dark."""
+    share = colors / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.round(255 * linear).astype(np.uint8)
+
+
+def _unlit(tree: dict) -> None:
+    """Light is in the photos already; glTF's own material is a dark metal."""
+    plain = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+    unlit = {"KHR_materials_unlit": {}}
+    tree["materials"] = [{"pbrMetallicRoughness": plain, "doubleSided": True, "extensions": unlit}]
+    tree["extensionsUsed"] = [*tree.get("extensionsUsed", []), *unlit]
+    for mesh in tree["meshes"]:
+        for primitive in mesh["primitives"]:
+            primitive["material"] = 0

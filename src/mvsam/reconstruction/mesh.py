@@ -2,18 +2,27 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from mvsam.errors import InputError, MissingExtraError
-from mvsam.reconstruction.cloud import PointCloud, VoxelGrid, points_of, trusted_depths
+from mvsam.errors import MissingExtraError
+from mvsam.reconstruction.cloud import (
+    NothingLeft,
+    PointCloud,
+    VoxelGrid,
+    points_of,
+    remedy,
+    trusted_depths,
+)
 from mvsam.reconstruction.folder import DepthView
 from mvsam.reconstruction.settings import CloudSettings
 from mvsam.reconstruction.tsdf import TsdfVolume
 
 FEWEST_TRIANGLES = 100
 """Pieces of the surface with fewer are left out: depths that were wrong twice."""
+LIBRARIES = {"skimage.measure": "scikit-image", "scipy.spatial": "scipy", "trimesh": "trimesh"}
 
 
 @dataclass(frozen=True)
@@ -33,8 +42,9 @@ def build_mesh(
     """The labelled surface of all depths that pass the filters; `on_photo` is called after each.
 
     Every vertex takes colour, label and confidence of the nearest point of the cloud.
-    Raises `InputError` when no surface is left.
+    Raises `NothingLeft` when there is no surface, and `MissingExtraError`.
     """
+    check_libraries()
     grid, volume = VoxelGrid(settings.voxel_size), TsdfVolume(settings.voxel_size)
     for view, depth in trusted_depths(views, settings):
         grid.add(points_of(view, depth))
@@ -42,21 +52,27 @@ def build_mesh(
         on_photo()
     vertices, faces = _large_pieces(*volume.surface())
     if not len(faces):
-        raise InputError(
-            "no surface is left: lower --minimum-confidence or --minimum-consistent-views, or take "
-            "larger voxels (--voxel-size)"
+        raise NothingLeft(
+            f"no surface is left: {remedy(views, settings)}, or try another --voxel-size"
         )
     return Mesh(_dressed(vertices, grid.cloud()), faces)
+
+
+def check_libraries() -> None:
+    """Raises `MissingExtraError` for the first one that is not installed."""
+    for module, library in LIBRARIES.items():
+        try:
+            import_module(module)
+        except ImportError as error:
+            raise MissingExtraError("a mesh", library, "reconstruct") from error
 
 
 def _large_pieces(
     vertices: Float[np.ndarray, "_ 3"], faces: Int[np.ndarray, "_ 3"]
 ) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
     """The same surface with each vertex once, without specks."""
-    try:
-        import trimesh
-    except ImportError as error:
-        raise MissingExtraError("a mesh", "trimesh", "reconstruct") from error
+    import trimesh
+
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
@@ -70,7 +86,7 @@ def _large_pieces(
 
 def _dressed(vertices: Float[np.ndarray, "vertex 3"], cloud: PointCloud) -> PointCloud:
     """The vertices with what the cloud says at its nearest points."""
-    from scipy.spatial import KDTree  # scikit-image needs it too
+    from scipy.spatial import KDTree
 
     _, nearest = KDTree(cloud.points).query(vertices)
     return replace(

@@ -1,6 +1,9 @@
 """What a reconstruction keeps; apart from the code, so that `--help` need not load it."""
 
 from dataclasses import dataclass
+from math import inf
+
+from mvsam.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -17,3 +20,13 @@ class CloudSettings:
     """Depths agree when they differ by at most this fraction."""
     neighbours: int = 6
     """How many overlapping photos each photo is compared with."""
+
+    def __post_init__(self):
+        if not 0 < self.voxel_size < inf:
+            raise InputError(f"--voxel-size {self.voxel_size}: must be positive, metres")
+        if not 0 <= self.minimum_confidence <= 1:
+            raise InputError(f"--minimum-confidence {self.minimum_confidence}: lies from 0 to 1")
+        for name in ("minimum_consistent_views", "relative_tolerance", "neighbours"):
+            if not 0 <= getattr(self, name) < inf:
+                option = "--" + name.replace("_", "-")
+                raise InputError(f"{option} {getattr(self, name)}: must not be negative")

@@ -11,15 +11,17 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mvsam.errors import InputError, MissingExtraError
+from mvsam.errors import InputError
 from mvsam.reconstruction.filtering import Camera, back_project, project
 
 EDGE = 16
 """Voxels along the edge of a block, the piece that the grid grows by."""
 TRUNCATION = 4
 """Voxels; farther from a surface than this a depth map says no more than "in front"."""
-TOGETHER = 256
-"""Blocks that are brought up to date at once: 75 MB."""
+TOGETHER = 64
+"""Blocks that are brought up to date at once, in about 80 MB."""
+MOST_BLOCKS = 100_000
+"""3 GB of them: some 4,000 square metres of surface in voxels of 2 cm."""
 
 Block = tuple[int, int, int]
 """Which block: its place in units of `EDGE` voxels."""
@@ -44,6 +46,11 @@ class TsdfVolume:
     ) -> None:
         """Brings every voxel near the depth map up to date; depth 0 says nothing."""
         near = self._blocks_near(camera, depth)
+        if len({*near, *self._blocks}) > MOST_BLOCKS:
+            raise InputError(
+                f"the surface takes more than {MOST_BLOCKS:,} blocks of {EDGE} voxels a side, too "
+                f"many at {self.voxel_size} m a voxel: choose larger voxels"
+            )
         for start in range(0, len(near), TOGETHER):
             part = near[start : start + TOGETHER]
             old = np.stack([self._block(block) for block in part])
@@ -52,7 +59,7 @@ class TsdfVolume:
             mean = old[:, 0] * old[:, 1] + value * weight_here
             np.divide(mean, total, out=old[:, 0], where=total > 0)
             old[:, 1] = total
-            self._blocks.update(zip(part, old, strict=True))
+            self._blocks.update(zip(part, map(np.copy, old), strict=True))  # not views of `old`
 
     def surface(self) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
         """Vertices in metres, and triangles that turn counter-clockwise to who photographed them.
@@ -72,12 +79,10 @@ class TsdfVolume:
         points = back_project(camera, depth)[depth > 0]
         side = EDGE * self.voxel_size
         corners = np.array(list(product((-1, 1), repeat=3))) * self.truncation
-        touched = {
-            block
-            for corner in corners
-            for block in map(tuple, np.unique(np.floor((points + corner) / side), axis=0))
-        }
-        return sorted((int(x), int(y), int(z)) for x, y, z in touched)
+        if not len(points):
+            return []
+        cells = np.concatenate([_different(np.floor((points + c) / side)) for c in corners])
+        return [(int(x), int(y), int(z)) for x, y, z in _different(cells)]
 
     def _block(self, block: Block) -> np.ndarray:
         """Its distances and weights; of one never seen, in front of everything with no weight."""
@@ -127,6 +132,14 @@ class TsdfVolume:
         return padded[0], padded[1] > 0
 
 
+def _different(cells: Float[np.ndarray, "_ 3"]) -> Float[np.ndarray, "cell 3"]:
+    """Each once, sorted; by one number a cell, which sorts ten times as fast as rows."""
+    low = cells.min(axis=0)
+    shape = (np.ptp(cells, axis=0) + 1).astype(np.int64)
+    keys = np.ravel_multi_index(tuple((cells - low).astype(np.int64).T), tuple(shape))
+    return np.stack(np.unravel_index(np.unique(keys), tuple(shape)), axis=1) + low
+
+
 def _between_pixels(
     depth: Float[np.ndarray, "height width"],
     pixels: Float[np.ndarray, "*points 2"],
@@ -158,10 +171,8 @@ def _zero_crossing(
     known = distance[is_known]
     if not (known.size and known.min() < 0 < known.max()):
         return nothing
-    try:
-        from skimage.measure import marching_cubes
-    except ImportError as error:
-        raise MissingExtraError("a mesh", "scikit-image", "reconstruct") from error
+    from skimage.measure import marching_cubes
+
     vertices, faces, _, _ = marching_cubes(distance, 0.0)
     ends = np.floor(vertices).astype(np.int64), np.ceil(vertices).astype(np.int64)
     is_measured = np.logical_and(*(is_known[tuple(end.T)] for end in ends))
