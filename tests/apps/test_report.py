@@ -3,8 +3,10 @@
 import base64
 import json
 import shutil
+import subprocess
 from dataclasses import dataclass
 from html.parser import HTMLParser
+from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
 
@@ -18,6 +20,9 @@ from mvsam.apps.report.page import build_page, count_steps
 from mvsam.apps.report.photos import evenly, read_photos
 from mvsam.apps.report.rows import photo_row
 from mvsam.apps.report.thumbnails import (
+    UNSURE_TO_SURE,
+    confidence_colors,
+    confidence_thumbnail,
     depth_thumbnail,
     label_thumbnail,
     photo_thumbnail,
@@ -101,7 +106,7 @@ def folder(kept: Path, tmp_path: Path) -> Path:
 
 
 def page_of(folder: Path) -> str:
-    return build_page(folder, read_photos(folder))
+    return build_page(folder, read_photos(folder), CloudSettings())
 
 
 def numbers(text: str, kind: str, columns: int) -> np.ndarray:
@@ -362,7 +367,7 @@ def test_progress_is_told_as_often_as_announced(kept: Path):
     for tasks in ("both", "depth", "labels"):
         photos = read_photos(kept / tasks)
         steps = []
-        build_page(kept / tasks, photos, lambda steps=steps: steps.append(1))
+        build_page(kept / tasks, photos, CloudSettings(), lambda steps=steps: steps.append(1))
         assert len(steps) == count_steps(photos)
 
 
@@ -401,10 +406,74 @@ def test_viewing_opens_the_page_that_it_writes(
     folder: Path, monkeypatch, capsys, has_browser: bool, said: str
 ):
     opened = []
+    monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or has_browser)
-    View(folder).run()
+    View(Report(folder)).run()
     assert opened == [(folder / "report.html").resolve().as_uri()]
     assert (folder / "report.html").is_file() and said in capsys.readouterr().out
+
+
+def test_without_a_screen_no_browser_is_started(folder: Path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail("a browser was started"))
+    View(Report(folder)).run()
+    assert "no browser found here" in capsys.readouterr().out
+
+
+def test_points_and_cameras_in_the_page_are_bounded(kept: Path, monkeypatch):
+    full = Page(page_of(kept / "both")).cloud()
+    monkeypatch.setattr("mvsam.apps.report.cloud_data.MOST_POINTS", 200)
+    monkeypatch.setattr("mvsam.apps.report.cloud_data.MOST_CAMERAS", 2)
+    few = Page(page_of(kept / "both")).cloud()
+    assert (
+        len(numbers(full["positions"], "<u2", 3)) > 200 >= len(numbers(few["positions"], "<u2", 3))
+    )
+    assert (
+        len(numbers(full["frusta"], "<f4", 48)) == 4 > len(numbers(few["frusta"], "<f4", 48)) == 2
+    )
+
+
+def test_unlabelled_points_are_grey_and_sure_ones_bright(kept: Path):
+    cloud = Page(page_of(kept / "depth")).cloud()
+    assert set(numbers(cloud["labels"], "u1", 1)[:, 0]) == {IGNORE}
+    assert cloud["palette"][IGNORE] == [128, 128, 128]
+    assert cloud["unsureToSure"][255] == UNSURE_TO_SURE[-1].tolist()
+    half = confidence_thumbnail(np.full((8, 8), 128, np.uint8))
+    pixel = np.asarray(picture_in(half.address))[4, 4]
+    np.testing.assert_allclose(pixel, confidence_colors(np.array(128 / 255)), atol=3)
+
+
+def test_a_damaged_depth_map_is_no_reason_for_a_page_without_a_cloud(folder: Path):
+    Image.fromarray(np.ones((25, 32), np.uint16)).save(folder / "depth" / "0003.png")
+    with pytest.raises(InputError, match=r"0003\.png is smaller than"):
+        page_of(folder)
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="needs Node.js to run the page's script")
+def test_the_scripts_show_the_scene_upright_and_hide_what_is_hidden():
+    scripts = [files("mvsam.apps.report") / name for name in ("orbit.js", "viewer.js")]
+    text = "\n".join(script.read_text() for script in scripts).rsplit("start();", 1)[0]
+    checks = """
+    const view = { up: [0, -1, 0], front: [0, 0, 1], target: [0, 0, 3], pitch: 0, distance: 2 };
+    const matrix = new Orbit(view).clipFromWorld(1.5);
+    const clip = (x) => [0, 1, 3].map(
+      (row) => [...x, 1].reduce((sum, value, column) => sum + value * matrix[4 * column + row], 0));
+    const places = [[0, 0, 3], [0, -0.5, 3], [0.5, 0, 3], [0, 0, 4]].map(clip);
+    const code = btoa(String.fromCharCode(1, 2, 3, 4, 5, 6)), labels = btoa("\\x07\\xff");
+    const paint = new Paint({ colors: code, labels, confidence: labels, palette: [] });
+    paint.hidden.add(7);
+    console.log(JSON.stringify({ places, colors: [...paint.colors()] }));
+    """
+    done = subprocess.run(["node", "-e", text + checks], capture_output=True, text=True, check=True)
+    result = json.loads(done.stdout)
+    (target, above, right, behind) = np.array(result["places"])
+    np.testing.assert_allclose(target, [0, 0, 2], atol=1e-6)
+    assert above[0] == pytest.approx(0) and above[1] > 0  # up in the scene is up in the picture
+    assert right[0] > 0 and right[1] == pytest.approx(0)
+    assert behind[2] == pytest.approx(3)
+    assert result["colors"] == [1, 2, 3, 0, 4, 5, 6, 255]
 
 
 def test_a_damaged_folder_is_named_and_leaves_the_old_page(folder: Path):

@@ -1,4 +1,5 @@
 import json
+import sys
 from pathlib import Path
 
 import trimesh
@@ -24,5 +25,16 @@ def test_demo_writes_maps_scores_clouds_a_mesh_and_a_page(tmp_path: Path, monkey
     for name in ("room.ply", "room_labels.ply"):
         cloud = trimesh.load(out / name)
         assert isinstance(cloud, trimesh.PointCloud) and len(cloud.vertices) > 500
+    assert "room.glb" in said and "triangles" in said
     assert "<canvas" in (out / "report.html").read_text()
     assert len(trimesh.load_mesh(out / "room.glb").faces) > 500
+
+
+def test_a_plain_installation_s_demo_goes_without_a_mesh(tmp_path: Path, monkeypatch, capsys):
+    write_posed_folder(tmp_path / "sample", 5, (128, 96))
+    monkeypatch.setattr(demo, "SAMPLE", tmp_path / "sample")
+    monkeypatch.setattr(weights, "load", lambda name: FakeModel())
+    monkeypatch.setitem(sys.modules, "skimage.measure", None)
+    assert main(["demo", "--out", str(tmp_path / "demo"), "--device", "cpu"]) == 0
+    assert "pip install 'mvsam[reconstruct]'" in capsys.readouterr().out
+    assert (tmp_path / "demo" / "report.html").is_file()

@@ -10,7 +10,7 @@ from mvsam.commands.predict import Predict, predict_with_bar
 from mvsam.commands.reconstruct import Reconstruct, reconstruct, size_of
 from mvsam.commands.report import Report, report
 from mvsam.commands.shared import Device, load_model, print_table
-from mvsam.errors import InputError
+from mvsam.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
@@ -51,17 +51,26 @@ class Demo:
         by_label = replace(by_photo, out=self.out / "room_labels.ply", color="label")
         cloud = reconstruct(by_photo)
         reconstruct(by_label)
-        mesh = reconstruct(replace(by_photo, out=self.out / "room.glb", mesh=True))
         page = report(Report(self.out))
-        _say(self.out, result, size_of(cloud), size_of(mesh), page)
+        _say(self.out, result, size_of(cloud), page)
+        _make_mesh(replace(by_photo, out=self.out / "room.glb", mesh=True))
 
 
-def _say(out: Path, result: SceneResult, cloud_size: str, mesh_size: str, page: Path) -> None:
+def _make_mesh(arguments: Reconstruct) -> None:
+    """Last, as what it needs does not come with a plain installation."""
+    try:
+        size = size_of(reconstruct(arguments))
+    except MissingExtraError as error:
+        print(f"Mesh:     none, {error}")
+    else:
+        print(f"Mesh:     {arguments.out} ({size})")
+
+
+def _say(out: Path, result: SceneResult, cloud_size: str, page: Path) -> None:
     assert result.scores is not None  # the sample has ground truth
     print_table(result.scores.as_table())
     print(f"Pictures: {out / 'preview'} (photo, depth, labels side by side)")
     print(f"Maps:     {out / 'depth'}, {out / 'confidence'}, {out / 'labels'}")
     print(f"Cloud:    {out / 'room.ply'} and room_labels.ply ({cloud_size})")
-    print(f"Mesh:     {out / 'room.glb'} ({mesh_size})")
     print(f"Scores:   {out / 'metrics.json'}")
-    print(f"All of it: {page}, to be opened in a browser")
+    print(f"Page:     {page}, which shows it all in a browser")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ import tyro
 
 from mvsam.commands.shared import progress_bar
 from mvsam.errors import InputError
+from mvsam.reconstruction.settings import CloudSettings
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,9 @@ class Report:
     """The --out folder of mvsam predict."""
     out: Path | None = None
     """The page; DIR/report.html where it is not given."""
+    settings: Annotated[CloudSettings, tyro.conf.arg(name="")] = field(
+        default_factory=CloudSettings
+    )
 
     def run(self) -> None:
         path = report(self)
@@ -45,6 +49,8 @@ def report(arguments: Report) -> Path:
     writable_folder(path.parent)
     with progress_bar() as progress:
         task = progress.add_task("report", total=count_steps(photos))
-        page = build_page(arguments.folder, photos, lambda: progress.advance(task))
+        page = build_page(
+            arguments.folder, photos, arguments.settings, lambda: progress.advance(task)
+        )
     write_whole(path, lambda file: file.write(page.encode()))
     return path

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import webbrowser
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -17,15 +18,19 @@ class View:
     """Makes the page of mvsam report anew and opens it in the browser.
 
     Its point cloud turns and zooms, in the colours of photos, classes or confidence. On a machine
-    without a browser copy the page to one that has one: it is a single file.
+    without a screen copy the page to one that has one: it is a single file.
 
     Example: mvsam view out/my_room
     """
 
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR")]
-    """The --out folder of mvsam predict."""
+    page: Annotated[Report, tyro.conf.arg(name="")]
 
     def run(self) -> None:
-        page = report(Report(self.folder))
-        is_open = webbrowser.open(page.resolve().as_uri())
-        print(f"{page}: {'opened' if is_open else 'no browser found here, open it in one'}")
+        path = report(self.page)
+        is_open = _has_screen() and webbrowser.open(path.resolve().as_uri())
+        print(f"{path}: {'opened' if is_open else 'no browser found here, open it in one'}")
+
+
+def _has_screen() -> bool:
+    """Else `webbrowser` may give the terminal to a browser of text."""
+    return sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())

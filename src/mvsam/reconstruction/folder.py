@@ -5,9 +5,10 @@ limit; a labelled cloud of centimetre voxels does not need every pixel of a 12-m
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -18,12 +19,13 @@ from mvsam.geometry.depth_map import from_millimetres
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.types import IGNORE
 
+Item = TypeVar("Item")
+
 
 @dataclass(frozen=True)
 class DepthView:
     """One photo of a `predict` folder; maps are read when asked for."""
 
-    name: str
     size: tuple[int, int]
     """(width, height) of the thinned maps."""
     step: int
@@ -61,12 +63,12 @@ class DepthView:
         """Colour of each label, as the label picture carries it; black where there is none."""
         colors = np.zeros((256, 3), np.uint8)
         if self.label_path is not None:
-            stored = _open(self.label_path).getpalette() or []
+            stored = open_picture(self.label_path).getpalette() or []
             colors[: len(stored) // 3] = np.reshape(stored, (-1, 3))
         return colors
 
     def _thinned(self, path: Path) -> np.ndarray:
-        pixels = np.asarray(_open(path))
+        pixels = np.asarray(open_picture(path))
         if pixels.shape[0] < self.size[1] or pixels.shape[1] < self.size[0]:
             raise InputError(
                 f"{path} is smaller than transforms.json says: run mvsam predict again"
@@ -80,7 +82,8 @@ def _middle_pixels(pixels: np.ndarray, step: int, size: tuple[int, int]) -> np.n
     return pixels[step // 2 :: step, step // 2 :: step][:height, :width]
 
 
-def _open(path: Path) -> Image.Image:
+def open_picture(path: Path) -> Image.Image:
+    """A photo or a map; `InputError` where it cannot be read."""
     try:
         image = Image.open(path, formats=("PNG", "JPEG"))
         image.load()
@@ -94,21 +97,33 @@ def read_predictions(folder: Path, longest_side: int = 640) -> list[DepthView]:
 
     Raises `InputError` where the folder is not one, or holds no depth.
     """
-    path = folder / "transforms.json"
-    if not path.is_file():
-        raise InputError(f"{folder} has no transforms.json: give the --out folder of mvsam predict")
-    try:
-        frames = json.loads(path.read_text())["frames"]
-        views = [_view(folder, frame, longest_side) for frame in frames if _has_depth(frame)]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} is damaged ({error!r}): run mvsam predict again") from error
+
+    def read(frame: dict[str, Any]) -> DepthView | None:
+        return _view(folder, frame, longest_side) if "depth_file_path" in frame else None
+
+    views = [view for view in read_frames(folder, read) if view is not None]
     if not views:
         raise InputError(f"{folder} holds no depth maps: predict with a model that gives depth")
     return views
 
 
-def _has_depth(frame: dict[str, Any]) -> bool:
-    return "depth_file_path" in frame
+def read_frames(folder: Path, read: Callable[[dict[str, Any]], Item]) -> list[Item]:
+    """What `read` makes of each photo's entry in `transforms.json`.
+
+    Raises `InputError` where there is no such file, or an entry lacks what `read` wants of it.
+    """
+    path = folder / "transforms.json"
+    if not path.is_file():
+        raise InputError(f"{folder} has no transforms.json: give the --out folder of mvsam predict")
+    try:
+        return [read(frame) for frame in json.loads(path.read_text())["frames"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} is damaged ({error!r}): run mvsam predict again") from error
+
+
+def file_of(folder: Path, frame: dict[str, Any], key: str) -> Path | None:
+    """Where a map of a photo lies; None where the model gives none."""
+    return folder / frame[key] if key in frame else None
 
 
 def _view(folder: Path, frame: dict[str, Any], longest_side: int) -> DepthView:
@@ -123,18 +138,13 @@ def _view(folder: Path, frame: dict[str, Any], longest_side: int) -> DepthView:
             [0.0, 0.0, 1.0],
         ]
     )
-
-    def beside(key: str) -> Path | None:
-        return folder / frame[key] if key in frame else None
-
     return DepthView(
-        name=Path(frame["file_path"]).stem,
         size=(max(width // step, 1), max(height // step, 1)),
         step=step,
         intrinsics=intrinsics,
         world_from_cam=np.array(frame["transform_matrix"], np.float64) @ OPENCV_FROM_OPENGL,
         photo_path=folder / frame["file_path"],
         depth_path=folder / frame["depth_file_path"],
-        confidence_path=beside("confidence_file_path"),
-        label_path=beside("label_file_path"),
+        confidence_path=file_of(folder, frame, "confidence_file_path"),
+        label_path=file_of(folder, frame, "label_file_path"),
     )

@@ -25,7 +25,7 @@ def cloud_data(
     cloud: PointCloud, voxel_size: float, cameras: Sequence[Camera], classes: ClassTable
 ) -> dict[str, Any]:
     """The JSON of the 3D view; `voxel_size` (metres) is how far apart the cloud's points are."""
-    cloud, voxel_size = thinned(cloud, voxel_size)
+    cloud, voxel_size = thinned(cloud, voxel_size, MOST_POINTS)
     low = cloud.points.min(axis=0).astype(np.float64)
     extent = np.maximum(cloud.points.max(axis=0) - low, 1e-6)
     palette = lookup_table(classes)
@@ -46,9 +46,7 @@ def cloud_data(
     }
 
 
-def thinned(
-    cloud: PointCloud, voxel_size: float, most: int = MOST_POINTS
-) -> tuple[PointCloud, float]:
+def thinned(cloud: PointCloud, voxel_size: float, most: int) -> tuple[PointCloud, float]:
     """At most so many points, merged in larger voxels where they were more, and their size."""
     while len(cloud) > most:
         # Points lie on surfaces: their number falls with the square of the voxel's edge.

@@ -81,6 +81,7 @@ function followPointers(canvas, orbit, redraw) {
 
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
+    canvas.focus();
     held.set(event.pointerId, { x: event.clientX, y: event.clientY });
   });
   canvas.addEventListener("pointermove", (event) => {
@@ -105,6 +106,7 @@ function followPointers(canvas, orbit, redraw) {
   }
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   const zoom = (event) => {
+    if (document.activeElement !== canvas) return; // the page scrolls
     event.preventDefault();
     orbit.zoom(Math.exp(event.deltaY * (event.deltaMode ? 0.04 : 0.0012))); // lines or pixels
     redraw();

@@ -19,7 +19,7 @@ from mvsam.apps.report.thumbnails import UNSURE_TO_SURE
 from mvsam.data.labels import SCANNET20, ClassTable, read_class_table
 from mvsam.errors import InputError
 from mvsam.inference.pictures import NEAR_TO_FAR
-from mvsam.reconstruction.cloud import build_cloud
+from mvsam.reconstruction.cloud import NothingLeft, build_cloud
 from mvsam.reconstruction.folder import read_predictions
 from mvsam.reconstruction.settings import CloudSettings
 
@@ -33,7 +33,10 @@ def count_steps(photos: Sequence[Photo]) -> int:
 
 
 def build_page(
-    folder: Path, photos: Sequence[Photo], on_step: Callable[[], None] = lambda: None
+    folder: Path,
+    photos: Sequence[Photo],
+    settings: CloudSettings,
+    on_step: Callable[[], None] = lambda: None,
 ) -> str:
     """The page about a `predict` folder with these photos (`read_photos`).
 
@@ -42,7 +45,7 @@ def build_page(
     run = _read_json(folder / "run.json") or {}
     metrics = _read_json(folder / "metrics.json")
     classes = _class_table(folder)
-    cloud, has_viewer = _cloud(folder, photos, classes, on_step)
+    cloud, has_viewer = _cloud(folder, photos, classes, settings, on_step)
     rows, counts = _rows(photos, classes, on_step)
     legend = ""
     if any(photo.label_path for photo in photos):
@@ -62,16 +65,20 @@ def build_page(
 
 
 def _cloud(
-    folder: Path, photos: Sequence[Photo], classes: ClassTable, on_step: Callable[[], None]
+    folder: Path,
+    photos: Sequence[Photo],
+    classes: ClassTable,
+    settings: CloudSettings,
+    on_step: Callable[[], None],
 ) -> tuple[str, bool]:
     """The section and whether it shows a cloud; it says why where no depth is to be trusted."""
     if not any(photo.depth_path for photo in photos):
         return "", False
-    views, settings = read_predictions(folder), CloudSettings()
+    views = read_predictions(folder)
     try:
         cloud = build_cloud(views, settings, on_step)
-    except InputError as error:
-        return sections.section("Point cloud", sections.no_cloud(str(error))), False
+    except NothingLeft as nothing:
+        return sections.section("Point cloud", sections.no_cloud(str(nothing))), False
     viewer = _filled(
         "viewer.html",
         buttons=sections.colorings(

@@ -1,6 +1,5 @@
 """The photos of a `predict` folder with the maps that each has, whatever the model's tasks."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,10 +7,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
-from PIL import Image, UnidentifiedImageError
 
 from mvsam.errors import InputError
 from mvsam.geometry.depth_map import from_millimetres
+from mvsam.reconstruction.folder import file_of, open_picture, read_frames
 
 Item = TypeVar("Item")
 
@@ -29,47 +28,29 @@ class Photo:
 
 def read_photos(folder: Path) -> list[Photo]:
     """All photos of a `predict` folder; `InputError` where it is not one, or is damaged."""
-    path = folder / "transforms.json"
-    if not path.is_file():
-        raise InputError(f"{folder} has no transforms.json: give the --out folder of mvsam predict")
-    try:
-        photos = [_photo(folder, frame) for frame in json.loads(path.read_text())["frames"]]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} is damaged ({error!r}): run mvsam predict again") from error
+    photos = read_frames(folder, lambda frame: _photo(folder, frame))
     if not photos:
         raise InputError(f"{folder} holds no photos: run mvsam predict again")
     return photos
 
 
 def _photo(folder: Path, frame: dict[str, Any]) -> Photo:
-    def beside(key: str) -> Path | None:
-        return folder / frame[key] if key in frame else None
-
     file = Path(frame["file_path"])
     return Photo(
         name=Path(*file.parts[1:]).with_suffix("").as_posix(),
         color_path=folder / file,
-        depth_path=beside("depth_file_path"),
-        confidence_path=beside("confidence_file_path"),
-        label_path=beside("label_file_path"),
+        depth_path=file_of(folder, frame, "depth_file_path"),
+        confidence_path=file_of(folder, frame, "confidence_file_path"),
+        label_path=file_of(folder, frame, "label_file_path"),
     )
-
-
-def open_picture(path: Path) -> Image.Image:
-    """A photo or map, not decoded yet; `InputError` where it is none."""
-    try:
-        return Image.open(path, formats=("PNG", "JPEG"))
-    except (OSError, UnidentifiedImageError) as error:
-        raise InputError(f"{path} cannot be read: run mvsam predict again") from error
 
 
 def read_map(path: Path) -> np.ndarray:
     """The stored numbers of a map, height x width."""
-    try:
-        with open_picture(path) as picture:
-            return np.asarray(picture)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: run mvsam predict again") from error
+    values = np.asarray(open_picture(path))
+    if values.ndim != 2:
+        raise InputError(f"{path} is a colour picture, no map: run mvsam predict again")
+    return values
 
 
 def read_depth(path: Path) -> Float[np.ndarray, "height width"]:

@@ -48,7 +48,7 @@ def scores(metrics: dict[str, Any]) -> str:
         for key, (title, meaning) in SCORES.items()
         if metrics.get(key) is not None
     ]
-    about = f"protocol {metrics['protocol']}, {counted(metrics['num_images'], 'photo')}"
+    about = f"protocol {metrics.get('protocol')}, {counted(metrics.get('num_images', 0), 'photo')}"
     return section(
         "Scores",
         f"<p>Against the scene's ground truth: {escape(about)}.</p>\n"
@@ -124,9 +124,13 @@ def no_cloud(reason: str) -> str:
 
 def photos(rows: Sequence[str], num_photos: int) -> str:
     """All rows under one another; says so where they are not of all photos."""
-    note = f"{len(rows)} of {num_photos} photos, evenly spaced. All else on this page is of all."
+    note = f"{len(rows)} of {num_photos} photos, evenly spaced; the rest of the page is about all."
     notes = [f'<p class="note">{note}</p>'] if len(rows) < num_photos else []
-    return section("Photos", lines([*notes, *rows]))
+    return section("Photos", lines([*notes, _COLORS_OF_DEPTH, *rows]))
+
+
+_COLORS_OF_DEPTH = """<p>The colours of depth are each photo's own: red is the nearest of it, blue
+the farthest, but for the outermost two percent of the pixels at both ends.</p>"""
 
 
 def section(title: str, content: str) -> str:

@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image
 
-from mvsam.apps.report.photos import open_picture
 from mvsam.data.labels import ClassTable, png_palette
 from mvsam.data.transforms import resize_nearest
-from mvsam.errors import InputError
 from mvsam.inference.pictures import depth_picture
+from mvsam.reconstruction.folder import open_picture
 
-MOST_WIDTH = 480
+LONGEST_SIDE = 480
 """Of a thumbnail, pixels."""
 
 UNSURE_TO_SURE = np.array(
@@ -35,12 +34,9 @@ class Thumbnail:
 
 def photo_thumbnail(path: Path) -> Thumbnail:
     """The photo, smoothly reduced."""
-    try:
-        with open_picture(path) as picture:
-            picture.thumbnail((MOST_WIDTH, 8 * MOST_WIDTH))
-            return _jpeg(picture.convert("RGB"), quality=80)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: run mvsam predict again") from error
+    picture = open_picture(path)
+    picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
+    return _jpeg(picture.convert("RGB"), quality=80)
 
 
 def depth_thumbnail(depth: Float[np.ndarray, "height width"]) -> Thumbnail:
@@ -69,8 +65,8 @@ def confidence_colors(confidence: Float[np.ndarray, "*any"]) -> UInt8[np.ndarray
 
 def _reduced(values: np.ndarray) -> np.ndarray:
     height, width = values.shape
-    shown = min(width, MOST_WIDTH)
-    return resize_nearest(values, (shown, max(round(height * shown / width), 1)))
+    factor = min(LONGEST_SIDE / max(height, width), 1)
+    return resize_nearest(values, (max(round(factor * width), 1), max(round(factor * height), 1)))
 
 
 def _jpeg(picture: Image.Image, quality: int) -> Thumbnail:

@@ -24,6 +24,7 @@ void main() {
   if (isPoint && length(gl_PointCoord - 0.5) > 0.5) discard;
   gl_FragColor = vec4(shown, 1.0);
 }`;
+const UNLABELLED = 255; // has no button: hidden where a class is shown alone
 const CAMERA_COLOR = [0.95, 0.45, 0.1];
 
 const decoded = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -164,7 +165,7 @@ function followColorings(drawing) {
 
 function followClasses(drawing) {
   const buttons = [...document.querySelectorAll("[data-label]")];
-  const labels = buttons.map((button) => Number(button.dataset.label));
+  const labels = [...buttons.map((button) => Number(button.dataset.label)), UNLABELLED];
   const hide = (isHidden) => {
     const hidden = new Set(labels.filter(isHidden));
     drawing.paint.hidden = hidden;
