@@ -338,6 +338,9 @@ def test_scores_are_in_centimetres_and_percent_and_left_out_without_truth(folder
     assert page.text_of("dt")[:2] == ["Abs cm", "Rel %"] and "mIoU %" not in page.text_of("dt")
     assert page.text_of("strong")[:2] == ["9.6", "4.3"]
     assert "IoU %" in page.text_of("th")
+    metrics["iou"] = [None] * len(metrics["iou"])
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    assert "IoU %" not in Page(page_of(folder)).text_of("th")
     (folder / "metrics.json").unlink()
     assert "Scores" not in Page(page_of(folder)).text_of("h2")
     assert "IoU %" not in Page(page_of(folder)).text_of("th")

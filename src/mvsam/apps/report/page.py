@@ -114,9 +114,10 @@ def _class_table(folder: Path) -> ClassTable:
 def _class_iou(
     metrics: dict[str, Any] | None, classes: ClassTable
 ) -> Sequence[float | None] | None:
-    """The IoU of each class where the ground truth has the same classes."""
-    iou = (metrics or {}).get("iou")
-    return iou if iou is not None and len(iou) == len(classes) else None
+    """The IoU of each class where there are true labels, of the same classes."""
+    iou = (metrics or {}).get("iou") or []
+    is_known = len(iou) == len(classes) and any(value is not None for value in iou)
+    return iou if is_known else None
 
 
 def _read_json(path: Path) -> dict[str, Any] | None:
