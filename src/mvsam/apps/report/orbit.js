@@ -120,13 +120,18 @@ function followKeys(canvas, orbit, redraw) {
     ArrowRight: () => orbit.rotate(0.1, 0),
     ArrowUp: () => orbit.rotate(0, 0.1),
     ArrowDown: () => orbit.rotate(0, -0.1),
+    "Shift ArrowLeft": () => orbit.pan(-0.05, 0),
+    "Shift ArrowRight": () => orbit.pan(0.05, 0),
+    "Shift ArrowUp": () => orbit.pan(0, 0.05),
+    "Shift ArrowDown": () => orbit.pan(0, -0.05),
     "+": () => orbit.zoom(0.9),
     "-": () => orbit.zoom(1 / 0.9),
   };
   canvas.addEventListener("keydown", (event) => {
-    if (!moves[event.key] || event.ctrlKey || event.metaKey) return;
+    const move = moves[`Shift ${event.key}`] && event.shiftKey ? `Shift ${event.key}` : event.key;
+    if (!moves[move] || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
-    moves[event.key]();
+    moves[move]();
     redraw();
   });
 }

@@ -79,7 +79,8 @@ def legend(
 
 
 _HOW_TO_HIDE = """<div id="hiding">
-<p>A click hides or shows a class in the 3D view, a double click shows it alone.</p>
+<p>A click hides or shows a class in the 3D view; a double click, or one with shift, shows it
+alone.</p>
 <div class="tools"><button type="button" id="all-classes">Show all</button></div>
 </div>
 """

@@ -175,8 +175,9 @@ function followClasses(drawing) {
   buttons.forEach((button, place) => {
     const own = labels[place];
     const toggled = (label) => drawing.paint.hidden.has(label) !== (label === own);
-    button.addEventListener("click", () => hide(toggled));
-    button.addEventListener("dblclick", () => hide((label) => label !== own));
+    const alone = (label) => label !== own;
+    button.addEventListener("click", (event) => hide(event.shiftKey ? alone : toggled));
+    button.addEventListener("dblclick", () => hide(alone));
   });
   onClick("all-classes", () => hide(() => false));
 }
