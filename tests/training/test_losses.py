@@ -64,14 +64,6 @@ def test_stages_are_weighted_a_half_one_and_two():
         assert loss.item() == pytest.approx(0.1 * weight, abs=1e-6)
 
 
-@pytest.mark.parametrize(("depth", "factor"), [(1.0, 1.5), (2.0, 1.0), (4.0, 0.75)])
-def test_half_of_a_relative_loss_counts_near_errors_more(depth: float, factor: float):
-    target = torch.full((1, 4, 4), depth)
-    wrong = stage(target + 0.11)
-    loss = JointLoss(stage_weights=(1.0,), relative=0.5).depth([wrong], target, RANGE)
-    assert loss.item() == pytest.approx(0.1 * factor, abs=1e-6)
-
-
 def test_coarse_stages_see_the_nearest_true_pixel_and_no_mixture():
     # The centre of each 2 x 2 block is a corner of four pixels; the lower right one counts.
     target = 1 + torch.rand(1, 8, 8)

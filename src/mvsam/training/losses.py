@@ -11,9 +11,6 @@ from torch import Tensor
 from mvsam.loss_terms import cross_entropy, depth_at, is_depth_known, masked_mean
 from mvsam.types import DepthPrior, DepthStage, Prediction, Targets
 
-RELATIVE_TO = 2.0
-"""Metres; an error at this depth counts as much relative to it as in metres."""
-
 
 @dataclass(frozen=True)
 class JointLoss:
@@ -25,9 +22,6 @@ class JointLoss:
     """Metres; where smooth L1 turns from square to straight (Sec. 4.1: 2 cm)."""
     stage_weights: tuple[float, ...] = (0.5, 1.0, 2.0)
     """Coarse to fine. The paper is silent; these are CasMVSNet's."""
-    relative: float = 0.0
-    """Share of the depth loss that counts an error relative to the true depth, in units of
-    `RELATIVE_TO`; 0: all of it in metres, as the paper has it."""
     class_weights: tuple[float, ...] | None = None
     """Weight of each class in the cross entropy; none: all alike, as the paper mentions none."""
     prior_weight: float = 0.1
@@ -73,9 +67,6 @@ class JointLoss:
         for stage, weight in zip(stages, self.stage_weights, strict=True):
             target = depth_at(depth, stage.depth.shape[-2:])
             error = F.smooth_l1_loss(stage.depth, target, beta=self.beta, reduction="none")
-            error = error * (
-                1 - self.relative + self.relative * RELATIVE_TO / target.clamp(min=0.1)
-            )
             total = total + weight * masked_mean(error, is_depth_known(target, depth_range))
         return total
 
