@@ -306,3 +306,13 @@ def test_pose_noise_moves_every_view_and_no_depth(config: DataConfig):
     moved = noisy.views.world_from_cam - clean.views.world_from_cam
     assert (moved[0, :, :3, 3].norm(dim=-1) > 1e-4).all() and moved.abs().max() < 0.05
     assert torch.equal(noisy.targets[0].depth, clean.targets[0].depth)
+
+
+def test_samples_have_shares_of_the_pose_noise(config: DataConfig):
+    clean = SampleStream(config, seed=1)
+    noisy = SampleStream(replace(config, pose_noise=(0.01, 0.0), least_pose_noise=0.0), seed=1)
+    off = [
+        (noisy[n].views.world_from_cam - clean[n].views.world_from_cam)[..., :3, 3].std().item()
+        for n in range(8)
+    ]
+    assert min(off) < 0.003 and 0.006 < max(off) < 0.02

@@ -75,6 +75,9 @@ class DataConfig:
     pose_noise: tuple[float, float] = (0.0, 0.0)
     """Standard deviations of errors that are added to every view's pose: metres along each axis,
     degrees about each axis. Depth stays that of the true camera."""
+    least_pose_noise: float = 1.0
+    """Share of `pose_noise` that each sample has at least; drawn evenly from there to 1, so that
+    with 0 a model sees exact cameras too."""
     room_frames: int = 5
     """Frames rendered of each procedural room to train on, at `semantic_size` or else `size`; at
     least `num_views`."""
@@ -162,7 +165,9 @@ class SampleStream(Dataset[TrainingSample]):
         if config.mirror and dice.random() < 0.5:
             frames = [mirrored(frame) for frame in frames]
         if any(config.pose_noise):
-            frames = [with_pose_noise(frame, *config.pose_noise, dice) for frame in frames]
+            share = dice.uniform(config.least_pose_noise, 1)
+            metres, degrees = (share * spread for spread in config.pose_noise)
+            frames = [with_pose_noise(frame, metres, degrees, dice) for frame in frames]
         depth_range = _drawn_range(config, dice)
         views = make_views(frames, config.size, depth_range, config.semantic_size)
         if config.color_jitter:
