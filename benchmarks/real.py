@@ -22,7 +22,7 @@ from rich.table import Table
 
 from mvsam.data.catalog import scene_folders
 from mvsam.data.dataset import TupleDataset
-from mvsam.data.formats import find_format, open_scene
+from mvsam.data.formats import Poses, find_format, open_scene
 from mvsam.data.sampling import evenly_spaced, view_tuples
 from mvsam.evaluation.evaluate import SceneScores, Scores, evaluate, score_item
 from mvsam.evaluation.metrics import rel_of_most_confident
@@ -30,7 +30,7 @@ from mvsam.evaluation.protocols import PROTOCOLS, Protocol
 from mvsam.evaluation.yardsticks import MeasuredMedianDepth
 from mvsam.precision import autocast
 from mvsam.provenance import provenance
-from mvsam.types import Model, Targets, Views
+from mvsam.types import Model, Scene, Targets, Views
 from mvsam.weights import load
 
 CHOSEN_BY = ("icl_livingroom5_synthetic", "nyu_dining5")
@@ -58,16 +58,15 @@ class SequenceSamples:
 
     def __init__(
         self,
-        scenes: Sequence[Path],
+        scenes: Sequence[Scene],
         protocol: Protocol,
         num_views: int,
         part: str = "all",
         only_many: bool = False,
         semantic_size: tuple[int, int] | None = None,
     ):
-        opened = [open_scene(path) for path in scenes]
         self.data = TupleDataset(
-            opened, num_views, protocol.size, protocol.depth_range, semantic_size=semantic_size
+            scenes, num_views, protocol.size, protocol.depth_range, semantic_size=semantic_size
         )
         tuples = [(index,) for index in range(len(self.data))]
         chosen = [index for (index,) in evenly_spaced(tuples, protocol.tuples_per_scene)]
@@ -75,7 +74,7 @@ class SequenceSamples:
         if only_many:
             lengths = [
                 len(views)
-                for scene in opened
+                for scene in scenes
                 for views in view_tuples(scene, MANY, protocol.depth_range)[0]
             ]
             assert len(lengths) == len(self.data), "tuples that see nothing are left out alike"
@@ -118,11 +117,14 @@ def run(model: Model, samples: SequenceSamples, protocol: Protocol) -> Outcome:
     return Outcome(scores, float(np.mean(known)) if known else None)
 
 
-def measure(model: Model, data: Path, protocol: Protocol, part: str) -> dict:
+def measure(
+    model: Model, data: Path, protocol: Protocol, part: str, poses: Poses = "given"
+) -> dict:
     """The record of a model: three views everywhere, five where there are as many."""
     few, many, same_few = Scores(protocol.name), Scores(protocol.name), Scores(protocol.name)
     constant, halves = Scores(protocol.name), {}
-    for name, scenes in sequences(data).items():
+    for name, folders in sequences(data).items():
+        scenes = [open_scene(folder, poses=poses) for folder in folders]
         given = partial(
             SequenceSamples, scenes, protocol, part=part, semantic_size=model.semantic_size
         )
@@ -220,6 +222,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("data", type=Path, help="folder of sequences")
     parser.add_argument("--model", default="tiny", help="name, weights file or hub id")
+    parser.add_argument(
+        "--poses", choices=("given", "refined"), default="given", help="as mvsam predict"
+    )
     parser.add_argument("--part", choices=("all", "choose", "report"), default="all")
     parser.add_argument("--tuples", type=int, help="of a sequence at most; the protocol's: 24")
     parser.add_argument("--out", type=Path, help="JSON file to write")
@@ -234,8 +239,9 @@ def main() -> None:
         "weights_hash": model.weights_hash,
         "num_views": FEW,
         "part": arguments.part,
+        "poses": arguments.poses,
         **provenance(),
-        **measure(model, arguments.data, protocol, arguments.part),
+        **measure(model, arguments.data, protocol, arguments.part, arguments.poses),
     }
     table = Table(*COLUMNS)
     for row in rows(record):

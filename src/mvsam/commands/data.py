@@ -34,8 +34,9 @@ class Check:
     format: str | None = None
     """The folder's format; none: found from its files."""
     scale: Scale = 1.0
-    poses: Literal["given", "colmap"] = "given"
-    """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
+    poses: Literal["given", "refined", "colmap"] = "given"
+    """refined: let the photos correct the given ones; colmap: let COLMAP find them for a folder of
+    photos or a video, which takes minutes."""
     json: Json = False
     strict: bool = False
     """End with exit code 1 where the cameras of a scene are wrong, for scripts."""
@@ -79,8 +80,9 @@ class Convert:
     format: str | None = None
     """The folder's format; none: found from its files."""
     scale: Scale = 1.0
-    poses: Literal["given", "colmap"] = "given"
-    """colmap: let COLMAP find them for a folder of photos or a video, which takes minutes."""
+    poses: Literal["given", "refined", "colmap"] = "given"
+    """refined: let the photos correct the given ones; colmap: let COLMAP find them for a folder of
+    photos or a video, which takes minutes."""
 
     def run(self) -> None:
         from mvsam.data.catalog import open_data

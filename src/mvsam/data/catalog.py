@@ -41,13 +41,15 @@ def open_data(
     between two photos is that of one scene, and scenes without poses have no scale.
     """
     if is_rooms(name):
+        if poses != "given":
+            raise InputError(f"{name}: rooms have exact poses; leave --poses out.")
         if parse_scale(scale) != 1.0:
             raise InputError(f"{name}: rooms are in metres; leave --scale out.")
         return _open_rooms(name, RoomStyle(room_frames, room_size, cache, assets))
     path = Path(name)
     if is_scene_list(name) and not path.is_dir():
         folders = listed_scenes(path)
-    elif poses == "given" and path.is_dir():
+    elif poses != "colmap" and path.is_dir():
         folders = scene_folders(path) or [path]
     else:
         return [open_scene(path, format, scale, poses)]
@@ -56,7 +58,7 @@ def open_data(
             f"{name}: holds {len(folders)} scenes, but the distance of two photos is the scale of "
             "one; name the scene's own folder."
         )
-    openers = [opener for folder in folders for opener in _openers(folder, format, scale)]
+    openers = [opener for folder in folders for opener in _openers(folder, format, scale, poses)]
     scenes = LazyScenes(openers)
     _ = scenes[0]  # what is wrong with a single one is said now
     return scenes
@@ -67,12 +69,16 @@ def is_rooms(name: str) -> bool:
     return name.startswith("rooms:")
 
 
-def _openers(folder: Path, format: str | None, scale: float | str) -> Sequence[Callable[[], Scene]]:
+def _openers(
+    folder: Path, format: str | None, scale: float | str, poses: Poses
+) -> Sequence[Callable[[], Scene]]:
     """Of one scene, or of one for each photo of a folder without poses."""
     if format is not None or not is_single_views(folder):
-        return [partial(open_scene, folder, format, scale)]
+        return [partial(open_scene, folder, format, scale, poses)]
     if parse_scale(scale) != 1.0:
         raise InputError(f"{folder}: has photos without poses; leave --scale out.")
+    if poses == "refined":
+        raise InputError(f"{folder}: has photos without poses; leave --poses refined out.")
     photos = SingleViews(folder)
     return [partial(getitem, photos, index) for index in range(len(photos))]
 

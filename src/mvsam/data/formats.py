@@ -22,11 +22,12 @@ from mvsam.data.readers.seven_scenes import is_seven_scenes, open_seven_scenes
 from mvsam.data.readers.structure import photo_folder, pose_photos
 from mvsam.data.readers.tum import is_tum, open_tum
 from mvsam.data.readers.video import VIDEO_SUFFIXES
+from mvsam.data.refined import RefinedScene
 from mvsam.data.scaled import ScaledScene, in_metres, parse_scale
 from mvsam.errors import InputError
 from mvsam.types import Scene
 
-Poses = Literal["given", "colmap"]
+Poses = Literal["given", "refined", "colmap"]
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,9 @@ def open_scene(
     """The scene stored at `path`; the format is found from the files unless it is named.
 
     scale: metres that one unit of the poses has, 1 for formats that are metric; or the metres
-    between two photos' cameras, as "0001.jpg:0007.jpg=0.25". poses: "colmap" lets COLMAP find those
-    of a folder of photos, or of a video, first.
+    between two photos' cameras, as "0001.jpg:0007.jpg=0.25". poses: "refined" lets the photos
+    correct those that are given; "colmap" lets COLMAP find those of a folder of photos, or of a
+    video, first.
     """
     path, parsed_scale = Path(path), parse_scale(scale)
     if poses == "colmap":
@@ -85,7 +87,8 @@ def open_scene(
             f"{path}: the depth beside the photos tells the scale; leave --scale out, or move the "
             "folder depth/ away."
         )
-    return in_metres(scene, parsed_scale)
+    scene = in_metres(scene, parsed_scale)
+    return RefinedScene(scene) if poses == "refined" else scene
 
 
 def _advice(path: Path) -> str:

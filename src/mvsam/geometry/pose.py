@@ -42,3 +42,20 @@ def pose_from_rotation_vector(
     half = float(np.linalg.norm(rotation)) / 2
     axis = rotation / 2 * np.sinc(half / np.pi)  # sin(half) along the axis, also for no turn
     return pose_from_quaternion(translation, np.array([*axis, np.cos(half)]))
+
+
+def cross_matrix(vectors: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
+    """The matrices that multiply another vector by these, crosswise."""
+    x, y, z = vectors.unbind(dim=-1)
+    zero = torch.zeros_like(x)
+    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
+
+
+def moved_by(
+    world_from_cam: Float[Tensor, "view 4 4"], steps: Float[Tensor, "view 6"]
+) -> Float[Tensor, "view 4 4"]:
+    """Cameras after steps in their own axes: axis times angle (radians), then metres."""
+    motions = torch.eye(4, dtype=steps.dtype).repeat(len(steps), 1, 1)
+    motions[:, :3, :3] = torch.linalg.matrix_exp(cross_matrix(steps[:, :3]))
+    motions[:, :3, 3] = steps[:, 3:]
+    return world_from_cam @ motions

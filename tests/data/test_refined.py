@@ -1,0 +1,114 @@
+"""Cameras that are a little off are corrected by their photos; the sentences where none can be."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mvsam import weights
+from mvsam.data.catalog import open_data
+from mvsam.data.convert import write_posed_folder
+from mvsam.data.formats import open_scene
+from mvsam.data.refined import RefinedScene
+from mvsam.data.streaming.augment import with_pose_noise
+from mvsam.data.wrapped import WrappedScene
+from mvsam.errors import InputError
+from mvsam.geometry.points import moved, to_pixels, viewing_rays
+from mvsam.types import Frame
+
+pytest.importorskip("pycolmap")
+
+SAMPLE = weights.ASSETS / "sample"
+
+
+class Displaced(WrappedScene):
+    """Every camera is off by about half a degree and two centimetres."""
+
+    def frame(self, index: int) -> Frame:
+        dice = np.random.default_rng((5, index))
+        return with_pose_noise(super().frame(index), 0.01, 0.3, dice)
+
+
+class Plain(WrappedScene):
+    """Photos without anything to see."""
+
+    def frame(self, index: int) -> Frame:
+        frame = super().frame(index)
+        width, height = frame.size
+        return replace(frame, load_image=lambda: np.full((height, width, 3), 128, np.uint8))
+
+
+def misses(scene, truth) -> float:
+    """Pixels, median over true surfaces of photo 0, between where each is seen in another and where
+    the scene's cameras would have it."""
+    first = truth.frame(0)
+    rows, columns = (2 + 4 * n for n in np.indices((60, 75)).reshape(2, -1))
+    points = viewing_rays(columns, rows, first.intrinsics) * first.depth[rows, columns, None]
+    found = []
+    for index in range(1, 5):
+        pixels = [
+            to_pixels(
+                moved(
+                    points, np.linalg.inv(s.frame(index).world_from_cam) @ s.frame(0).world_from_cam
+                ),
+                first.intrinsics,
+            )[0]
+            for s in (scene, truth)
+        ]
+        found.append(np.median(np.linalg.norm(pixels[0] - pixels[1], axis=1)))
+    return float(np.mean(found))
+
+
+def test_photos_correct_displaced_cameras(caplog):
+    truth = open_scene(SAMPLE)
+    displaced = Displaced(truth)
+    refined = RefinedScene(displaced)
+    assert misses(refined, truth) < 0.6 * misses(displaced, truth)
+    assert "turned the cameras by" in caplog.text and "before" in caplog.text
+    assert refined.views() == truth.views() and refined.name == truth.name
+
+
+def test_cameras_that_fit_stay(caplog):
+    truth = open_scene(SAMPLE)
+    refined = RefinedScene(truth)
+    assert "its cameras fit its photos" in caplog.text
+    assert np.array_equal(refined.frame(3).world_from_cam, truth.frame(3).world_from_cam)
+
+
+def test_two_runs_agree():
+    """`predict` goes on only where the cameras are the same to the last bit."""
+    first, second = (RefinedScene(Displaced(open_scene(SAMPLE))) for _ in range(2))
+    for index in range(5):
+        assert np.array_equal(first.frame(index).world_from_cam, second.frame(index).world_from_cam)
+
+
+def test_it_is_a_way_to_open_scenes(tmp_path, caplog):
+    for name in ("a", "b"):
+        list(write_posed_folder(Displaced(open_scene(SAMPLE)), tmp_path / name))
+    for path in (tmp_path, tmp_path / "a"):
+        caplog.clear()
+        scenes = open_data(str(path), poses="refined")
+        assert misses(scenes[0], open_scene(SAMPLE)) < misses(
+            open_scene(tmp_path / "a"), open_scene(SAMPLE)
+        )
+        assert "a: its photos turned" in caplog.text
+
+
+def test_photos_that_match_nowhere_leave_the_cameras(caplog):
+    plain = Plain(open_scene(SAMPLE))
+    refined = RefinedScene(plain)
+    assert "cannot correct the cameras" in caplog.text
+    for index in range(5):
+        pose = plain.frame(index).world_from_cam
+        assert np.array_equal(refined.frame(index).world_from_cam, pose)
+
+
+def test_data_without_wrong_cameras_say_so(tmp_path):
+    with pytest.raises(InputError, match="exact poses; leave --poses out"):
+        open_data("rooms:val:0-1", poses="refined")
+    for kind in ("color", "labels"):
+        shutil.copytree(SAMPLE / kind, tmp_path / kind)
+    shutil.copy(SAMPLE / "intrinsics.txt", tmp_path)
+    with pytest.raises(InputError, match="leave --poses refined out"):
+        open_data(str(tmp_path), poses="refined")
