@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mvsam.data.formats import open_scene
     from mvsam.inference.outputs import PhotoPrediction
-    from mvsam.inference.photos import predict
+    from mvsam.inference.photos import predict, refine_poses
     from mvsam.types import Frame, Prediction, Scene, Targets, Views
     from mvsam.weights import from_pretrained, load, push_to_hub, save
 
@@ -32,6 +32,7 @@ _HOMES = {
     "open_scene": "mvsam.data.formats",
     "predict": "mvsam.inference.photos",
     "push_to_hub": "mvsam.weights",
+    "refine_poses": "mvsam.inference.photos",
     "save": "mvsam.weights",
 }
 
@@ -47,6 +48,7 @@ __all__ = [
     "open_scene",
     "predict",
     "push_to_hub",
+    "refine_poses",
     "save",
 ]
 

@@ -15,6 +15,7 @@ from mvsam.data.streaming.augment import with_pose_noise
 from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError
 from mvsam.geometry.points import moved, to_pixels, viewing_rays
+from mvsam.inference.photos import refine_poses
 from mvsam.types import Frame
 
 pytest.importorskip("pycolmap")
@@ -81,6 +82,22 @@ def test_two_runs_agree():
     first, second = (RefinedScene(Displaced(open_scene(SAMPLE))) for _ in range(2))
     for index in range(5):
         assert np.array_equal(first.frame(index).world_from_cam, second.frame(index).world_from_cam)
+
+
+def test_photos_in_memory():
+    displaced = Displaced(open_scene(SAMPLE))
+    frames = [displaced.frame(index) for index in range(5)]
+    to_opencv = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    found = refine_poses(
+        [frame.image for frame in frames],
+        [frame.intrinsics - to_opencv for frame in frames],
+        [frame.world_from_cam for frame in frames],
+    )
+    refined = RefinedScene(displaced)
+    for index, pose in enumerate(found):
+        np.testing.assert_allclose(pose, refined.frame(index).world_from_cam, atol=1e-6)
+    with pytest.raises(InputError, match="one of each"):
+        refine_poses([frames[0].image], [], [])
 
 
 def test_it_is_a_way_to_open_scenes(tmp_path, caplog):

@@ -107,7 +107,7 @@ def _way(
 
 def _matches(frames: Sequence[Frame]) -> list[Matches]:
     """Of all pairs with enough of them."""
-    pycolmap = import_pycolmap()
+    pycolmap: Any = import_pycolmap()
     pycolmap.logging.minloglevel = 2  # errors only
     pycolmap.set_random_seed(0)
     with tempfile.TemporaryDirectory() as folder:

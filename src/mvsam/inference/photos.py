@@ -6,11 +6,13 @@ from functools import partial
 from typing import Any, get_args
 
 import numpy as np
+from jaxtyping import Float
 
 from mvsam.build import MODELS, Inputs
 from mvsam.data.camera_checks import check_intrinsics, check_pose
 from mvsam.data.check.report import camera_warning
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, estimate_depth_range
+from mvsam.data.refined import refined_poses
 from mvsam.errors import InputError, counted
 from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.inference.outputs import PhotoPrediction
@@ -47,11 +49,7 @@ def predict(
     float32 in 0..1, `labels` H x W uint8; None for what the model does not predict. Warns in the
     log where the cameras seem wrong. Raises `InputError` that names the photo which is not so.
     """
-    if not len(images) == len(intrinsics) == len(world_from_cam):
-        raise InputError(
-            f"{len(images)} images, {len(intrinsics)} intrinsics and {len(world_from_cam)} poses "
-            "were given; give one of each per photo."
-        )
+    frames = _frames(images, intrinsics, world_from_cam)
     if precision not in get_args(Precision):
         raise InputError(f"precision {precision!r}: give one of {', '.join(get_args(Precision))}.")
     fewest = fewest_views(model)
@@ -60,8 +58,6 @@ def predict(
             f"{counted(len(images), 'photo')} given; give {fewest} to {MOST_VIEWS} that overlap, "
             "or a whole scene to mvsam predict."
         )
-    photos = zip(images, intrinsics, world_from_cam, strict=True)
-    frames = [_frame(f"photo {index}", *photo) for index, photo in enumerate(photos)]
     depth_range = resolved_depth_range(depth_range, frames)
     warn_of_other_range(model, depth_range)
     if warning := camera_warning(frames, depth_range):
@@ -77,6 +73,30 @@ def predict(
     check_measured_depth(model, [views[0] for views in tuples])
     with Session(model, depth_range, precision=precision) as session:
         return list(session.predict_all(tuples))
+
+
+def refine_poses(
+    images: Sequence[Any], intrinsics: Sequence[Any], world_from_cam: Sequence[Any]
+) -> list[Float[np.ndarray, "4 4"]]:
+    """Camera-to-world poses that the photos agree on, for `predict`, where a tracker's are off.
+
+    Arguments as `predict`, of 2 photos or more. Unit and world axes stay, on the whole; so do poses
+    that fit already, and those of photos without matches. What was done is in the log. Needs the
+    extra `colmap`, else raises `MissingExtraError`; raises `InputError` as `predict`.
+    """
+    return refined_poses("photos", _frames(images, intrinsics, world_from_cam))
+
+
+def _frames(
+    images: Sequence[Any], intrinsics: Sequence[Any], world_from_cam: Sequence[Any]
+) -> list[Frame]:
+    if not len(images) == len(intrinsics) == len(world_from_cam):
+        raise InputError(
+            f"{len(images)} images, {len(intrinsics)} intrinsics and {len(world_from_cam)} poses "
+            "were given; give one of each per photo."
+        )
+    photos = zip(images, intrinsics, world_from_cam, strict=True)
+    return [_frame(f"photo {index}", *photo) for index, photo in enumerate(photos)]
 
 
 def fewest_views(model: Model) -> int:
