@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 
+from mvsam.geometry import epipolar
 from mvsam.geometry.epipolar import Matches, epipolar_distances, fit_poses
 from mvsam.geometry.pose import invert, moved_by
 
@@ -41,7 +43,7 @@ def displaced(poses: torch.Tensor, dice: torch.Generator) -> torch.Tensor:
 def test_exact_poses_stay_and_their_matches_lie_on_the_lines():
     poses = cameras()
     pairs = matches_of(poses, torch.Generator().manual_seed(0))
-    assert epipolar_distances(poses, pairs).max() < 1e-12
+    assert torch.cat(epipolar_distances(poses, pairs)).max() < 1e-12
     torch.testing.assert_close(fit_poses(poses, pairs, PIXEL), poses, atol=1e-9, rtol=0)
 
 
@@ -52,7 +54,9 @@ def test_displaced_cameras_come_back_to_the_lines(seed: int):
     pairs = matches_of(poses, dice, pixels=0.3)
     given = displaced(poses, dice)
     found = fit_poses(given, pairs, PIXEL)
-    before, after = (epipolar_distances(p, pairs).median() / PIXEL for p in (given, found))
+    before, after = (
+        torch.cat(epipolar_distances(p, pairs)).median() / PIXEL for p in (given, found)
+    )
     assert before > 1 and after < 0.3
 
     def errors(candidate: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -85,8 +89,8 @@ def test_wrong_matches_hardly_count():
         for pair in right
     ]
     found = fit_poses(given, wrong, PIXEL)
-    assert epipolar_distances(found, right).median() < 0.2 * PIXEL
-    assert epipolar_distances(given, right).median() > PIXEL
+    assert torch.cat(epipolar_distances(found, right)).median() < 0.2 * PIXEL
+    assert torch.cat(epipolar_distances(given, right)).median() > PIXEL
 
 
 def test_a_camera_without_matches_stays():
@@ -106,29 +110,87 @@ def test_pairs_may_have_different_numbers_of_matches():
     pairs = matches_of(poses, dice)
     few = Matches(0, 1, pairs[0].first_rays[:20], pairs[0].second_rays[:20])
     given = displaced(poses, dice)
-    assert len(epipolar_distances(given, [few, *pairs[1:]])) == 20 + 60 + 60
+    assert list(map(len, epipolar_distances(given, [few, *pairs[1:]]))) == [20, 60, 60]
     found = fit_poses(given, [few, *pairs[1:]], PIXEL)
-    assert epipolar_distances(found, pairs).median() < 0.2 * PIXEL
+    assert torch.cat(epipolar_distances(found, pairs)).median() < 0.2 * PIXEL
 
 
-def test_the_slopes_are_those_of_the_distances():
-    """Against differences, where a match lies on its line: there the divisor does not matter."""
-    from mvsam.geometry import epipolar
-
+@pytest.mark.parametrize("metres", (0.02, 0.2))
+def test_derivatives_against_differences(metres: float):
     dice = torch.Generator().manual_seed(4)
     poses = cameras(2)
-    pairs = matches_of(poses, dice)
-    padded = epipolar._Padded.of(pairs)
-    before = epipolar._second_from_first(poses, padded)
-    _, slopes = epipolar._distances(before, padded)
-    _, change_slopes = epipolar._changes(before, before)
+    poses[1, :3, 3] *= metres / poses[1, :3, 3].norm()
+    given = displaced(poses, dice)
+    padded = epipolar._Padded.of(matches_of(poses, dice, pixels=2.0))
+    relative = epipolar._relative(given, padded)
+    motion = epipolar._relative_motion(relative)
+    distances, jacobian = epipolar._residuals(relative, padded)
+    changes, change_jacobian = epipolar._changes(relative, relative)
+    assert distances.abs().max() > PIXEL, "else what divides them would not matter"
     for unknown in range(12):
         step = torch.zeros(2, 6, dtype=torch.float64)
-        step.view(-1)[unknown] = 1e-6
-        after = epipolar._second_from_first(moved_by(poses, step), padded)
-        distances, _ = epipolar._distances(after, padded)
-        torch.testing.assert_close(distances / 1e-6, slopes[..., unknown], atol=1e-5, rtol=1e-4)
-        changes, _ = epipolar._changes(after, before)
+        step.view(-1)[unknown] = 1e-7
+        after = epipolar._relative(moved_by(given, step), padded)
+        found, _ = epipolar._residuals(after, padded)
+        expected = jacobian @ motion[:, :, unknown, None]
         torch.testing.assert_close(
-            changes / 1e-6, change_slopes[..., unknown], atol=1e-3, rtol=1e-4
+            (found - distances) / 1e-7, expected[..., 0], atol=1e-4, rtol=1e-4
         )
+        changed, _ = epipolar._changes(after, relative)
+        expected = change_jacobian @ motion[:, :, unknown, None]
+        torch.testing.assert_close(
+            (changed - changes) / 1e-7, expected[..., 0], atol=1e-3, rtol=1e-4
+        )
+
+
+def test_distances_are_those_of_the_definition():
+    """In NumPy, match by match; and of one that is 0.01 beside the line in one picture."""
+    poses = cameras(2)
+    (pair,) = matches_of(poses, torch.Generator().manual_seed(5), pixels=1.0)
+    (found,) = epipolar_distances(poses, [pair])
+    relative = np.linalg.inv(poses[1].numpy()) @ poses[0].numpy()
+    x, y, z = relative[:3, 3]
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ relative[:3, :3]
+    for distance, first, second in zip(found, pair.first_rays, pair.second_rays, strict=True):
+        here, there = essential.T @ second.numpy(), essential @ first.numpy()
+        divisor = np.sqrt(here[0] ** 2 + here[1] ** 2 + there[0] ** 2 + there[1] ** 2)
+        assert float(distance) == pytest.approx(abs(second.numpy() @ there) / divisor)
+
+    sideways = torch.eye(4, dtype=torch.float64).repeat(2, 1, 1)
+    sideways[1, 0, 3] = 0.1
+    ray = torch.tensor([[0.1, 0.2, 1.0]], dtype=torch.float64)
+    (off,) = epipolar_distances(
+        sideways, [Matches(0, 1, ray, ray + torch.tensor([-0.05, 0.01, 0]))]
+    )
+    assert float(off) == pytest.approx(0.01 / math.sqrt(2))
+
+
+def test_short_baselines_do_not_turn_away():
+    """Two centimetres apart, by which the given poses are off too."""
+    better = 0
+    for seed in range(8):
+        dice = torch.Generator().manual_seed(seed)
+        poses = cameras(5)
+        poses[:, :3, 3] *= 0.1
+        given = displaced(poses, dice)
+        found = fit_poses(given, matches_of(poses, dice, pixels=0.3), PIXEL)
+        better += int(direction_errors(found, poses) < direction_errors(given, poses))
+    assert better >= 7
+
+
+def direction_errors(candidate: torch.Tensor, poses: torch.Tensor) -> float:
+    """Degrees, mean over the directions in which the first camera sees the others."""
+    ways = [(invert(p[:1]) @ p)[1:, :3, 3] for p in (candidate, poses)]
+    cosines = torch.nn.functional.cosine_similarity(*ways, dim=1)
+    return cosines.clamp(max=1).acos().rad2deg().mean().item()
+
+
+def test_views_at_one_place_have_no_lines():
+    poses = torch.eye(4).repeat(2, 1, 1)
+    ray = torch.tensor([[0.0, 0.0, 1.0]])
+    for ask in (
+        lambda pairs: fit_poses(poses, pairs, PIXEL),
+        lambda pairs: epipolar_distances(poses, pairs),
+    ):
+        with pytest.raises(ValueError, match="at one place"):
+            ask([Matches(0, 1, ray, ray)])

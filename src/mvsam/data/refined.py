@@ -8,6 +8,7 @@ import logging
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +16,27 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from PIL import Image
+from torch import Tensor
 
 from mvsam.data.readers.colmap import import_pycolmap
-from mvsam.data.readers.structure import match_features
+from mvsam.data.readers.structure import MOST_MATCHED
 from mvsam.data.wrapped import WrappedScene
+from mvsam.errors import InputError
 from mvsam.geometry.epipolar import Matches, epipolar_distances, fit_poses
 from mvsam.types import Frame, Scene
 
 WIDTH = 640
-"""Features of a photo are found to a pixel; of a larger one than this to a pixel of this width."""
-GOOD_ENOUGH = 0.4
-"""Of such a pixel, the median distance of the matches. Up to it features say less about the cameras
-than the cameras do: on rooms, whose cameras are exact, it is 0.1 to 0.5 (docs/log.md)."""
+"""A right match is taken to be off by a pixel, in larger photos by a pixel of this width."""
+GOOD_ENOUGH = 0.7
+"""Of such pixels: the median distance of every camera's matches from their epipolar lines. Up to it
+features say less about the cameras than the cameras do (docs/log.md)."""
+MOST_OFF, AGREED = 8.0, 2.0
+"""Of such pixels: with a larger median before, the cameras are mistaken, not imprecise, as those of
+another convention; with a larger one afterwards, the photos do not agree on others."""
 FEWEST_MATCHES = 15
 """Of a pair; fewer may be chance."""
-MOST_MATCHES = 100
-"""Of a pair, drawn evenly; more add time alone."""
+MATCHES_PER_PAIR = 100
+"""Evenly drawn; more add time alone."""
 SMALLEST_BASELINE = 0.01
 """Metres; nearer cameras have no epipolar lines to speak of."""
 DECIMALS = 9
@@ -40,16 +46,29 @@ log = logging.getLogger("mvsam")
 
 
 class RefinedScene(WrappedScene):
-    """The same scene with its cameras moved to where its photos match.
+    """The same scene, in metres, with its cameras moved to where its photos match.
 
-    Photos without matches keep their pose, and all do where they fit already. Unit, world axes and
-    the cameras' distances stay as they are, on the whole. A message says how far the cameras moved.
+    They stay where they fit already or the photos cannot tell, and so do those of photos without
+    matches. Unit, world axes and the cameras' distances stay, on the whole. A message says what was
+    done. The first `frame` reads every photo and takes seconds to minutes; InputError for more
+    than 150. Raises `MissingExtraError` without the extra `colmap`.
     """
 
     def __init__(self, scene: Scene):
         super().__init__(scene)
-        frames = [scene.frame(index) for index in range(len(scene))]
-        self._poses = refined_poses(scene.name, frames)
+        import_pycolmap("corrected poses")  # what is missing is said now
+
+    @cached_property
+    def _poses(self) -> list[Float[np.ndarray, "4 4"]]:
+        """Of the photos that occur in prescribed tuples, of all where none are prescribed."""
+        frames = [self._scene.frame(index) for index in range(len(self))]
+        views = self.views()
+        used = range(len(self)) if views is None else sorted({i for v in views for i in v})
+        poses = [frame.world_from_cam for frame in frames]
+        refined = refined_poses(self.name, [frames[index] for index in used])
+        for index, pose in zip(used, refined, strict=True):
+            poses[index] = pose
+        return poses
 
     def frame(self, index: int) -> Frame:
         return replace(self._scene.frame(index), world_from_cam=self._poses[index])
@@ -57,47 +76,71 @@ class RefinedScene(WrappedScene):
 
 def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, "4 4"]]:
     """As `RefinedScene`; `name` is for its messages."""
-    as_given = [frame.world_from_cam for frame in frames]
-    given = torch.from_numpy(np.stack(as_given)).double()
+    if len(frames) > MOST_MATCHED:
+        raise InputError(
+            f"{name}: has {len(frames)} photos; every pair is matched to correct poses, of "
+            f"{MOST_MATCHED} at most. Take some of a recording, or leave the poses as given."
+        )
+    as_given = [frame.world_from_cam.astype(np.float64) for frame in frames]
+    if len(frames) < 2:
+        return as_given
+    log.warning("%s: COLMAP matches the features of %d photos.", name, len(frames))
+    given = torch.from_numpy(np.stack(as_given))
+    matched = _matches(name, frames)
     pairs = [
         pair
-        for pair in _matches(frames)
+        for pair in matched
         if (given[pair.first, :3, 3] - given[pair.second, :3, 3]).norm() >= SMALLEST_BASELINE
     ]
     if not pairs:
-        log.warning(
-            "%s: no two of its photos have %d features in common, so they cannot correct the "
-            "cameras, which stay as given.",
-            name, FEWEST_MATCHES,
-        )  # fmt: skip
+        reason = (
+            f"those that match are less than {SMALLEST_BASELINE * 100:g} cm apart"
+            if matched
+            else f"no two have {FEWEST_MATCHES} features in common"
+        )
+        log.warning("%s: its photos cannot correct the cameras: %s.", name, reason)
         return as_given
-    pixel = float(np.median([1 / frame.intrinsics[0, 0] for frame in frames]))
-    blur = max(1.0, np.median([frame.size[0] for frame in frames]) / WIDTH)
-    before = epipolar_distances(given, pairs).median().item() / pixel
-    if before <= GOOD_ENOUGH * blur:
+    pixel = float(np.median([max(1.0, max(f.size) / WIDTH) / f.intrinsics[0, 0] for f in frames]))
+    distances = epipolar_distances(given, pairs)
+    before = torch.cat(distances).median().item() / pixel
+    if _worst_camera(distances, pairs) <= GOOD_ENOUGH * pixel:
         log.warning(
-            "%s: its cameras fit its photos (matches are %.1f pixels from their epipolar lines) "
+            "%s: its cameras fit its photos (features are %.1f pixels from their epipolar lines) "
             "and stay as given.",
             name, before,
         )  # fmt: skip
         return as_given
-    poses = fit_poses(given, pairs, spread=blur * pixel)
-    after = epipolar_distances(poses, pairs).median().item() / pixel
+    poses = fit_poses(given, pairs, spread=pixel)
+    after = torch.cat(epipolar_distances(poses, pairs)).median().item() / pixel
+    if before > MOST_OFF or after > AGREED:
+        log.warning(
+            "%s: its photos disagree with its cameras (features are %.1f pixels from their "
+            "epipolar lines), which stay as given; mvsam data check may say what is wrong.",
+            name, before,
+        )  # fmt: skip
+        return as_given
     moved = sorted({index for pair in pairs for index in (pair.first, pair.second)})
     degrees, metres = _way(given[moved], poses[moved])
-    alone = len(given) - len(moved)
+    others = len(given) - len(moved)
     log.warning(
         "%s: its photos turned the cameras by %.2f degrees and moved them by %.1f cm (medians); "
-        "matches are %.1f pixels from their epipolar lines, %.1f before%s.",
+        "features are %.1f pixels from their epipolar lines, %.1f before%s.",
         name, degrees, 100 * metres, after, before,
-        f"; {alone} of {len(given)} photos match no other and stay" if alone else "",
+        f"; {others} of {len(given)} photos have no partner and stay" if others else "",
     )  # fmt: skip
     return list(poses.numpy().round(DECIMALS))
 
 
-def _way(
-    given: Float[torch.Tensor, "view 4 4"], found: Float[torch.Tensor, "view 4 4"]
-) -> tuple[float, float]:
+def _worst_camera(distances: Sequence[Float[Tensor, "_match"]], pairs: Sequence[Matches]) -> float:
+    """The largest of the medians over each camera's matches: of a log, a part may be off."""
+    of_cameras: dict[int, list[Tensor]] = {}
+    for pair, found in zip(pairs, distances, strict=True):
+        for camera in (pair.first, pair.second):
+            of_cameras.setdefault(camera, []).append(found)
+    return max(torch.cat(found).median().item() for found in of_cameras.values())
+
+
+def _way(given: Float[Tensor, "view 4 4"], found: Float[Tensor, "view 4 4"]) -> tuple[float, float]:
     """Medians: (degrees, metres) between two poses of each camera."""
     traces = torch.einsum("vij,vij->v", given[:, :3, :3], found[:, :3, :3])
     angles = ((traces - 1) / 2).clamp(-1, 1).acos().rad2deg()
@@ -105,50 +148,66 @@ def _way(
     return angles.median().item(), distances.median().item()
 
 
-def _matches(frames: Sequence[Frame]) -> list[Matches]:
+def _matches(name: str, frames: Sequence[Frame]) -> list[Matches]:
     """Of all pairs with enough of them."""
-    pycolmap: Any = import_pycolmap()
+    pycolmap = import_pycolmap("corrected poses")
     pycolmap.logging.minloglevel = 2  # errors only
-    pycolmap.set_random_seed(0)
     with tempfile.TemporaryDirectory() as folder:
-        photos, database = Path(folder) / "photos", Path(folder) / "database.db"
-        photos.mkdir()
-        names = [f"{index:06d}.png" for index in range(len(frames))]
-        for name, frame in zip(names, frames, strict=True):
-            Image.fromarray(frame.image).save(photos / name, compress_level=1)
-        extraction = pycolmap.FeatureExtractionOptions()
-        extraction.num_threads = 1  # else COLMAP numbers photos as they get ready, and matches so
-        pycolmap.extract_features(
-            database,
-            photos,
-            image_names=names,
-            camera_mode=pycolmap.CameraMode.PER_IMAGE,
-            extraction_options=extraction,
-        )
-        with pycolmap.Database.open(database) as opened:
-            images = [opened.read_image_with_name(name) for name in names]
-            for image, frame in zip(images, frames, strict=True):
-                opened.update_camera(_camera(pycolmap, frame, image.camera_id))
-        match_features(pycolmap, database, len(frames))
-        with pycolmap.Database.open(database) as opened:
-            ids = [image.image_id for image in images]
-            rays = [
-                _rays(opened.read_keypoints(image_id)[:, :2], frame.intrinsics)
-                for image_id, frame in zip(ids, frames, strict=True)
-            ]
-            pair_ids, geometries = opened.read_two_view_geometries()
+        database = Path(folder) / "database.db"
+        files = [Path(folder) / f"{index:06d}.png" for index in range(len(frames))]
+        for file, frame in zip(files, frames, strict=True):
+            Image.fromarray(frame.image).save(file, compress_level=1)
+        try:
+            return _matched_pairs(pycolmap, database, files, frames)
+        except Exception as error:  # pycolmap raises many kinds
+            raise InputError(f"{name}: COLMAP cannot match its photos ({error}).") from error
+
+
+def _matched_pairs(
+    pycolmap: Any, database: Path, files: Sequence[Path], frames: Sequence[Frame]
+) -> list[Matches]:
+    names = [file.name for file in files]
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads = 1  # else photos are numbered as they get ready, and matched so
+    pycolmap.extract_features(
+        database,
+        files[0].parent,
+        image_names=names,
+        camera_mode=pycolmap.CameraMode.PER_IMAGE,
+        extraction_options=extraction,
+    )
+    with pycolmap.Database.open(database) as opened:
+        images = [opened.read_image_with_name(name) for name in names]
+        for image, frame in zip(images, frames, strict=True):
+            opened.update_camera(_camera(pycolmap, frame, image.camera_id))
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = 0
+    pycolmap.match_exhaustive(database, verification_options=verification)
+    with pycolmap.Database.open(database) as opened:
+        rays = [
+            _rays(opened.read_keypoints(image.image_id)[:, :2], frame.intrinsics)
+            for image, frame in zip(images, frames, strict=True)
+        ]
+        pair_ids, geometries = opened.read_two_view_geometries()
+    numbers = {image.image_id: index for index, image in enumerate(images)}
+    # A watermark, or a robot's own arm, is seen at one place by all.
+    unsuited = (
+        pycolmap.TwoViewGeometryConfiguration.WATERMARK,
+        pycolmap.TwoViewGeometryConfiguration.DEGENERATE,
+    )
     found = []
     for pair_id, geometry in zip(pair_ids, geometries, strict=True):
-        first, second = map(ids.index, pycolmap.pair_id_to_image_pair(pair_id))
+        first, second = (numbers[image] for image in pycolmap.pair_id_to_image_pair(pair_id))
         places = np.asarray(geometry.inlier_matches, dtype=np.int64).reshape(-1, 2)
-        if len(places) >= FEWEST_MATCHES:
-            kept = np.linspace(0, len(places) - 1, min(len(places), MOST_MATCHES)).round()
+        if geometry.config not in unsuited and len(places) >= FEWEST_MATCHES:
+            kept = np.linspace(0, len(places) - 1, min(len(places), MATCHES_PER_PAIR)).round()
             here, there = places[kept.astype(int)].T
             found.append(Matches(first, second, rays[first][here], rays[second][there]))
     return sorted(found, key=lambda pair: (pair.first, pair.second))
 
 
 def _camera(pycolmap: Any, frame: Frame, camera_id: int) -> Any:
+    """Without skew, which only COLMAP's choice among matches would know of."""
     (focal_x, _, centre_x), (_, focal_y, centre_y), _ = frame.intrinsics
     camera = pycolmap.Camera(
         camera_id=camera_id,
@@ -163,6 +222,6 @@ def _camera(pycolmap: Any, frame: Frame, camera_id: int) -> Any:
 
 def _rays(
     pixels: Float[np.ndarray, "point 2"], intrinsics: Float[np.ndarray, "3 3"]
-) -> Float[torch.Tensor, "point 3"]:
+) -> Float[Tensor, "point 3"]:
     points = np.column_stack([pixels, np.ones(len(pixels))]).astype(np.float64)
     return torch.from_numpy(points @ np.linalg.inv(intrinsics).T)

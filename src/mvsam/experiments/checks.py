@@ -34,6 +34,11 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
             "--data.mirror, --data.color-jitter and --data.singles (parts of photos) change them "
             "every time; leave one of them out."
         )
+    if not 0 <= data.least_pose_noise_share <= 1:
+        raise InputError(
+            f"run {run}: --data.least-pose-noise-share {data.least_pose_noise_share:g}: give a "
+            "share, 0 to 1."
+        )
     fewest = data.fewest_views or data.num_views
     if data.references > fewest:
         raise InputError(

@@ -78,13 +78,17 @@ def predict(
 def refine_poses(
     images: Sequence[Any], intrinsics: Sequence[Any], world_from_cam: Sequence[Any]
 ) -> list[Float[np.ndarray, "4 4"]]:
-    """Camera-to-world poses that the photos agree on, for `predict`, where a tracker's are off.
+    """Poses that the photos agree on, for `predict`, where those of a tracker are off.
 
-    Arguments as `predict`, of 2 photos or more. Unit and world axes stay, on the whole; so do poses
-    that fit already, and those of photos without matches. What was done is in the log. Needs the
-    extra `colmap`, else raises `MissingExtraError`; raises `InputError` as `predict`.
+    Arguments as `predict`, of 2 to 150 photos. Returns 4x4 float64 camera-to-world in their order,
+    metres, axes x right, y down, z forward. World axes and the cameras' distances stay, on the
+    whole; so do poses that fit already, and those of photos without matches. What was done is in
+    the log. Raises `MissingExtraError` without the extra `colmap`, `InputError` as `predict`.
     """
-    return refined_poses("photos", _frames(images, intrinsics, world_from_cam))
+    frames = _frames(images, intrinsics, world_from_cam)
+    if len(frames) < 2:
+        raise InputError(f"{counted(len(frames), 'photo')} given; give 2 or more that overlap.")
+    return refined_poses("refine_poses", frames)
 
 
 def _frames(

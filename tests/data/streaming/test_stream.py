@@ -310,7 +310,9 @@ def test_pose_noise_moves_every_view_and_no_depth(config: DataConfig):
 
 def test_samples_have_shares_of_the_pose_noise(config: DataConfig):
     clean = SampleStream(config, seed=1)
-    noisy = SampleStream(replace(config, pose_noise=(0.01, 0.0), least_pose_noise=0.0), seed=1)
+    noisy = SampleStream(
+        replace(config, pose_noise=(0.01, 0.0), least_pose_noise_share=0.0), seed=1
+    )
     off = [
         (noisy[n].views.world_from_cam - clean[n].views.world_from_cam)[..., :3, 3].std().item()
         for n in range(8)

@@ -176,9 +176,9 @@ def _photo_folder(path: Path, model: Path, names: list[str]) -> Path:
     raise InputError(f"{path}: its photo {names[0]} is not in images/; put the photos there.")
 
 
-def import_pycolmap():
+def import_pycolmap(feature: str = "COLMAP models"):
     try:
         import pycolmap
     except ImportError as error:
-        raise MissingExtraError("COLMAP models", "pycolmap", "colmap") from error
+        raise MissingExtraError(feature, "pycolmap", "colmap") from error
     return pycolmap

@@ -108,13 +108,8 @@ def _map(pycolmap: Any, photos: Path, files: list[Path], work: Path, seed: int) 
     mode = pycolmap.CameraMode.SINGLE if one_camera else pycolmap.CameraMode.AUTO
     names = [file.name for file in files]
     pycolmap.extract_features(database, photos, image_names=names, camera_mode=mode)
-    match_features(pycolmap, database, len(files))
+    if len(files) <= MOST_MATCHED:
+        pycolmap.match_exhaustive(database)
+    else:
+        pycolmap.match_sequential(database)
     return pycolmap.incremental_mapping(database, photos, work)
-
-
-def match_features(pycolmap: Any, database: Path, num_photos: int) -> None:
-    """Of every pair of the photos in the database; of many, of neighbours by name."""
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = 0
-    match = pycolmap.match_exhaustive if num_photos <= MOST_MATCHED else pycolmap.match_sequential
-    match(database, verification_options=verification)

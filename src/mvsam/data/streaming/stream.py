@@ -75,9 +75,9 @@ class DataConfig:
     pose_noise: tuple[float, float] = (0.0, 0.0)
     """Standard deviations of errors that are added to every view's pose: metres along each axis,
     degrees about each axis. Depth stays that of the true camera."""
-    least_pose_noise: float = 1.0
-    """Share of `pose_noise` that each sample has at least; drawn evenly from there to 1, so that
-    with 0 a model sees exact cameras too."""
+    least_pose_noise_share: float = 1.0
+    """Each sample's share of `pose_noise` is drawn evenly from this, 0 to 1, to 1; with 0 a model
+    sees exact cameras too."""
     room_frames: int = 5
     """Frames rendered of each procedural room to train on, at `semantic_size` or else `size`; at
     least `num_views`."""
@@ -165,8 +165,7 @@ class SampleStream(Dataset[TrainingSample]):
         if config.mirror and dice.random() < 0.5:
             frames = [mirrored(frame) for frame in frames]
         if any(config.pose_noise):
-            share = dice.uniform(config.least_pose_noise, 1)
-            metres, degrees = (share * spread for spread in config.pose_noise)
+            metres, degrees = _drawn_pose_noise(config, dice)
             frames = [with_pose_noise(frame, metres, degrees, dice) for frame in frames]
         depth_range = _drawn_range(config, dice)
         views = make_views(frames, config.size, depth_range, config.semantic_size)
@@ -266,6 +265,13 @@ class SingleStream(Dataset[tuple[Views, Targets]]):
         targets = make_targets(frame, config.size)
         views = replace(views, measured_depth=targets.depth)  # 0 = unknown, not None
         return _prompted(views, config.prompt_noise, dice), targets
+
+
+def _drawn_pose_noise(config: DataConfig, dice: np.random.Generator) -> tuple[float, float]:
+    """(metres, degrees)."""
+    least = config.least_pose_noise_share
+    share = least if least == 1 else dice.uniform(least, 1)
+    return share * config.pose_noise[0], share * config.pose_noise[1]
 
 
 def _drawn_range(config: DataConfig, dice: np.random.Generator) -> tuple[float, float]:
