@@ -1,6 +1,7 @@
 """Cameras that are a little off are corrected by their photos; the sentences where none can be."""
 
 import shutil
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from mvsam.data.formats import open_scene
 from mvsam.data.refined import RefinedScene, refined_poses
 from mvsam.data.streaming.augment import with_pose_noise
 from mvsam.data.wrapped import WrappedScene
-from mvsam.errors import InputError
+from mvsam.errors import InputError, MissingExtraError
 from mvsam.geometry.points import moved, to_pixels, viewing_rays
 from mvsam.inference.photos import refine_poses
 from mvsam.types import Frame
@@ -196,6 +197,12 @@ def test_photos_that_match_nowhere_leave_the_cameras(caplog):
         pose = plain.frame(index).world_from_cam
         assert np.array_equal(refined.frame(index).world_from_cam, pose)
     assert "no two have 15 features in common" in caplog.text
+
+
+def test_a_missing_pycolmap_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(MissingExtraError, match=r"corrected poses .*pip install 'mvsam\[colmap\]'"):
+        open_scene(SAMPLE, poses="refined")
 
 
 def test_too_many_photos_are_refused():

@@ -45,7 +45,7 @@ def pose_from_rotation_vector(
 
 
 def cross_matrix(vectors: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """The matrices that multiply another vector by these, crosswise."""
+    """Skew-symmetric matrices: `cross_matrix(a) @ b` is a x b."""
     x, y, z = vectors.unbind(dim=-1)
     zero = torch.zeros_like(x)
     return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
