@@ -188,8 +188,11 @@ def rows(record: dict) -> list[list[str]]:
     return found
 
 
-def page(record: dict, labels: dict | None) -> str:
-    """The same in Markdown, with what made it; `labels` is what nyu_labels.py wrote."""
+def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
+    """The same in Markdown, with what made it.
+
+    labels: what nyu_labels.py wrote. refined: the record with `--poses refined`.
+    """
     lines = [
         "# Results on real photographs",
         "",
@@ -197,9 +200,7 @@ def page(record: dict, labels: dict | None) -> str:
         f"{record['date']}, protocol `real` (320x256, ground truth between 0.1 and 5 m, at most 24 "
         "tuples a sequence, mean of the per-image Rel).",
         "",
-        "| " + " | ".join(COLUMNS) + " |",
-        "|---|" + "---:|" * (len(COLUMNS) - 1),
-        *("| " + " | ".join(row) + " |" for row in rows(record)),
+        *_table(record),
         "",
         "*Confident half*: the half of each image's pixels with the highest confidence. *Median*: "
         "a constant depth that knows each image's median. Written by `benchmarks/real.py`.",
@@ -207,6 +208,17 @@ def page(record: dict, labels: dict | None) -> str:
         "The paper's methods side by side are in [tables](tables.md), what became of its claims "
         "in [claims](claims.md).",
     ]
+    if refined is not None:
+        lines += [
+            "",
+            "## With the cameras corrected by the photos",
+            "",
+            f"The same with `--poses refined` (weights {refined['weights_hash']}, commit "
+            f"{refined['commit']}, {refined['date']}). True depth is as before; the poses are those "
+            "that `mvsam predict --poses refined` finds, without seeing any depth.",
+            "",
+            *_table(refined),
+        ]
     if labels is not None:
         lines += ["", "## Labels on the held-out tenth of NYUv2's training images", ""]
         miou, right = (f"{100 * labels[key]:.1f} %" for key in ("miou", "accuracy"))
@@ -216,6 +228,11 @@ def page(record: dict, labels: dict | None) -> str:
             "with measured depth; by `benchmarks/nyu_labels.py`."
         )
     return "\n".join(lines) + "\n"
+
+
+def _table(record: dict) -> list[str]:
+    head = ["| " + " | ".join(COLUMNS) + " |", "|---|" + "---:|" * (len(COLUMNS) - 1)]
+    return head + ["| " + " | ".join(row) + " |" for row in rows(record)]
 
 
 def main() -> None:
