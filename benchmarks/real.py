@@ -214,8 +214,8 @@ def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
             "## With the cameras corrected by the photos",
             "",
             f"The same with `--poses refined` (weights {refined['weights_hash']}, commit "
-            f"{refined['commit']}, {refined['date']}). True depth is as before; the poses are those "
-            "that `mvsam predict --poses refined` finds, without seeing any depth.",
+            f"{refined['commit']}, {refined['date']}): poses that the photos correct, as `mvsam "
+            "predict` does it, without any depth.",
             "",
             *_table(refined),
         ]
