@@ -246,6 +246,7 @@ def main() -> None:
     parser.add_argument("--tuples", type=int, help="of a sequence at most; the protocol's: 24")
     parser.add_argument("--out", type=Path, help="JSON file to write")
     parser.add_argument("--page", type=Path, help="Markdown page to write")
+    parser.add_argument("--refined", type=Path, help="record of --poses refined, for the page")
     parser.add_argument("--labels", type=Path, help="what nyu_labels.py wrote, for the page")
     arguments = parser.parse_args()
     protocol, model = PROTOCOLS["real"], load(arguments.model).eval()
@@ -267,8 +268,11 @@ def main() -> None:
     if arguments.out:
         arguments.out.write_text(json.dumps(record, indent=2) + "\n")
     if arguments.page:
-        labels = json.loads(arguments.labels.read_text()) if arguments.labels else None
-        arguments.page.write_text(page(record, labels))
+        labels, refined = (
+            json.loads(path.read_text()) if path else None
+            for path in (arguments.labels, arguments.refined)
+        )
+        arguments.page.write_text(page(record, labels, refined))
 
 
 if __name__ == "__main__":

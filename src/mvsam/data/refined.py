@@ -84,8 +84,20 @@ def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, 
     as_given = [frame.world_from_cam.astype(np.float64) for frame in frames]
     if len(frames) < 2:
         return as_given
-    log.warning("%s: COLMAP matches the features of %d photos.", name, len(frames))
     given = torch.from_numpy(np.stack(as_given))
+    pairs = _pairs_apart(name, frames, given)
+    if not pairs:
+        return as_given
+    pixel = float(np.median([max(1.0, max(f.size) / WIDTH) / f.intrinsics[0, 0] for f in frames]))
+    fitted = _fitted(name, given, pairs, pixel)
+    return as_given if fitted is None else list(fitted.numpy().round(DECIMALS))
+
+
+def _pairs_apart(
+    name: str, frames: Sequence[Frame], given: Float[Tensor, "view 4 4"]
+) -> list[Matches]:
+    """Of photos that match and are not at one place; a message says why there are none."""
+    log.warning("%s: COLMAP matches the features of %d photos.", name, len(frames))
     matched = _matches(name, frames)
     pairs = [
         pair
@@ -99,8 +111,16 @@ def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, 
             else f"no two have {FEWEST_MATCHES} features in common"
         )
         log.warning("%s: its photos cannot correct the cameras: %s.", name, reason)
-        return as_given
-    pixel = float(np.median([max(1.0, max(f.size) / WIDTH) / f.intrinsics[0, 0] for f in frames]))
+    return pairs
+
+
+def _fitted(
+    name: str, given: Float[Tensor, "view 4 4"], pairs: Sequence[Matches], pixel: float
+) -> Float[Tensor, "view 4 4"] | None:
+    """The corrected poses, None where the given ones are to stay; a message says which and why.
+
+    pixel: its size at z = 1.
+    """
     distances = epipolar_distances(given, pairs)
     before = torch.cat(distances).median().item() / pixel
     if _worst_camera(distances, pairs) <= GOOD_ENOUGH * pixel:
@@ -109,7 +129,7 @@ def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, 
             "and stay as given.",
             name, before,
         )  # fmt: skip
-        return as_given
+        return None
     poses = fit_poses(given, pairs, spread=pixel)
     after = torch.cat(epipolar_distances(poses, pairs)).median().item() / pixel
     if before > MOST_OFF or after > AGREED:
@@ -118,7 +138,7 @@ def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, 
             "epipolar lines), which stay as given; mvsam data check may say what is wrong.",
             name, before,
         )  # fmt: skip
-        return as_given
+        return None
     moved = sorted({index for pair in pairs for index in (pair.first, pair.second)})
     degrees, metres = _way(given[moved], poses[moved])
     others = len(given) - len(moved)
@@ -128,7 +148,7 @@ def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, 
         name, degrees, 100 * metres, after, before,
         f"; {others} of {len(given)} photos have no partner and stay" if others else "",
     )  # fmt: skip
-    return list(poses.numpy().round(DECIMALS))
+    return poses
 
 
 def _worst_camera(distances: Sequence[Float[Tensor, "_match"]], pairs: Sequence[Matches]) -> float:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mvsam.data.transforms import crop_to_window
+from mvsam.geometry.pose import pose_from_rotation_vector
 from mvsam.types import Frame
 
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -52,20 +53,9 @@ def with_pose_noise(
 
     metres, degrees: standard deviations along and about each of the camera's axes.
     """
-    error = np.eye(4)
-    error[:3, :3] = rotation_by(np.radians(degrees) * dice.standard_normal(3))
-    error[:3, 3] = metres * dice.standard_normal(3)
+    rotation = np.radians(degrees) * dice.standard_normal(3)
+    error = pose_from_rotation_vector(rotation, metres * dice.standard_normal(3))
     return replace(frame, world_from_cam=frame.world_from_cam @ error)
-
-
-def rotation_by(axis_angle: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rodrigues' formula; the vector's length is the angle, radians."""
-    angle = float(np.linalg.norm(axis_angle))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = axis_angle / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def _flipped(pixels: np.ndarray) -> np.ndarray:
