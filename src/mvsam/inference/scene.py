@@ -84,10 +84,7 @@ def predict_scene(
     What exists in `out` is whole at any time; after an interruption the next call goes on.
     Raises `InputError` for bad input and `DiskFullError`.
     """
-    if fewest_views(model) == 1:
-        num_views = 1
-    elif not 2 <= num_views <= MOST_VIEWS:
-        raise InputError(f"{num_views} views for a prediction: ask for 2 to {MOST_VIEWS}.")
+    num_views = _views_for(model, num_views)
     frames = [scene.frame(index) for index in range(len(scene))]
     depth_range = resolved_depth_range(depth_range, frames, getattr(scene, "points", None))
     warn_of_other_range(model, depth_range)
@@ -113,10 +110,25 @@ def predict_scene(
             # Also after Ctrl-C: the index then lists the photos that are done.
             if folder.kinds:
                 folder.write_index(frames, work.classes)
-    same_classes = getattr(scene, "classes", work.classes).names == work.classes.names
-    num_classes = len(work.classes) if same_classes else None
-    scores = score_folder(folder, scene.name, frames, num_classes)
+    scores = _scores(folder, scene, frames, work.classes)
     return SceneResult(work.written, work.kept, skipped, scores)
+
+
+def _views_for(model: Model, asked: int) -> int:
+    """One for a model of single pictures; InputError for more or fewer than others take."""
+    if fewest_views(model) == 1:
+        return 1
+    if not 2 <= asked <= MOST_VIEWS:
+        raise InputError(f"{asked} views for a prediction: ask for 2 to {MOST_VIEWS}.")
+    return asked
+
+
+def _scores(
+    folder: OutputFolder, scene: Scene, frames: Sequence[Frame], classes: ClassTable
+) -> Scores | None:
+    """Of what lies in the folder; labels count where the scene's classes are the model's."""
+    is_same = getattr(scene, "classes", classes).names == classes.names
+    return score_folder(folder, scene.name, frames, len(classes) if is_same else None)
 
 
 def _warn_of_cameras(
