@@ -79,6 +79,15 @@ def differences(model: Model, path: Path, views: Views) -> dict[str, np.ndarray]
     return {name: np.abs(actual[name] - expected[name]) for name in expected}
 
 
+def test_votes_of_sources_are_counted_for_any_number_of_views(tmp_path: Path):
+    model, path = shallow_model("tiny"), tmp_path / "tiny.onnx"
+    assert model.cascade is not None and model.cascade.sources_vote
+    export_onnx(model, path, SIZE)
+    for num_views in (2, 4):
+        off = differences(model, path, random_views(1, num_views, SIZE[1], SIZE[0], seed=3))
+        assert off["depth"].max() < 1e-3
+
+
 @pytest.mark.parametrize("num_views", [2, 3, 5])
 def test_the_file_gives_what_pytorch_gives_for_any_number_of_views(posed, num_views: int):
     model, path = posed

@@ -67,6 +67,23 @@ def test_single_photos_add_the_loss_of_their_labels_and_prior_times_its_weight()
     torch.testing.assert_close(logged["train/singles"], expected["loss"])
 
 
+def test_only_the_parts_that_are_named_learn():
+    model, views = small_model("tiny"), random_views()
+    names = ("cascade.regularizers.0", "prior")
+    module = TrainingModule(model, JointLoss(), OptimizerConfig(lr=1e-2), (0.1, 5.0), parts=names)
+    module.log = lambda *_, **__: None  # pyright: ignore
+    before = {name: value.clone() for name, value in model.state_dict().items()}
+    module.train()
+    optimizer = module.configure_optimizers()["optimizer"]
+    module.training_step((views, [random_targets()], None), 0).backward()
+    optimizer.step()
+    changed = {n for n, value in model.state_dict().items() if not torch.equal(value, before[n])}
+    assert changed and all(name.startswith(names) for name in changed)
+    assert any("running_mean" in name for name in changed), "their batch norms follow the data"
+    for name in names:
+        assert any(n.startswith(name) and n.endswith("weight") for n in changed)
+
+
 class Knows(torch.nn.Module):
     """Says what it is told."""
 

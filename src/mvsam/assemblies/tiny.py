@@ -64,20 +64,25 @@ def tiny_encoder(tuned_blocks: int | None) -> SamEncoder:
     return SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=tuned_blocks)
 
 
-def tiny_cascade() -> DepthCascade:
+def tiny_cascade(sources_vote: bool = False) -> DepthCascade:
     """Half the planes in the second sweep, at twice the distance: its window stays +-41 cm."""
     return DepthCascade(
         [CostRegularizer(channels) for channels in (32, 16, 8)],
         num_planes=(48, 16, 8),
         interval_ratios=(4.0, 2.0, 0.5),
+        sources_vote=sources_vote,
     )
 
 
 def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
-    """The paper's network at a size for two CPU cores, with a monocular prior on its depth."""
+    """The paper's network at a size for two CPU cores, with a monocular prior on its depth.
+
+    Each source view has a vote of its own in the first sweep.
+    """
     return tiny_base(
         num_classes,
         tuned_blocks=tuned_blocks,
+        cascade=tiny_cascade(sources_vote=True),
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
     )
@@ -100,6 +105,7 @@ def tiny_base(
     num_classes: int = 20,
     has_bridge: bool = True,
     tuned_blocks: int | None = None,
+    cascade: DepthCascade | None = None,
     prior: MonocularPrior | None = None,
     decoder: SemanticDecoder | None = None,
 ) -> MultiViewSAM:
@@ -108,7 +114,7 @@ def tiny_base(
         geometry_encoder=FeaturePyramid(),
         semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16) if has_bridge else None,
-        cascade=tiny_cascade(),
+        cascade=cascade or tiny_cascade(),
         prior=prior,
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=decoder or tiny_decoder(num_classes),

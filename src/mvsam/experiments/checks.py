@@ -2,6 +2,7 @@
 
 import json
 import logging
+from difflib import get_close_matches
 from pathlib import Path
 
 from mvsam.data.catalog import open_data
@@ -52,10 +53,18 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
 
 
 def check_model(experiment: Experiment, model: Model) -> None:
-    """InputError where the data hold labelled single photos and the model cannot learn from them.
+    """InputError where the model lacks a part that shall learn, or cannot learn from the data.
 
-    It has to label a picture without predicting its depth.
+    For labelled single photos it has to label a picture without predicting its depth.
     """
+    parts = dict(model.named_modules())
+    for name in experiment.train.parts:
+        if name not in parts:
+            close = get_close_matches(name, [part for part in parts if part], n=3)
+            raise InputError(
+                f"run {experiment.name}: --train.parts {name} is no part of "
+                f"{experiment.model.name}; the nearest names are {', '.join(close) or 'none'}."
+            )
     if experiment.data.singles is None:
         return
     if getattr(model, "decoder", None) is None:

@@ -153,6 +153,7 @@ def _training_module(experiment: Experiment, model: Model) -> TrainingModule:
         experiment.optimizer,
         experiment.data.depth_range,
         experiment.train.singles_weight,
+        experiment.train.parts,
     )
 
 

@@ -16,6 +16,7 @@ from mvsam.mvs.cost_volume import variance_volume
 from mvsam.mvs.hypotheses import base_interval, plane_depths, resample_depth, window_hypotheses
 from mvsam.mvs.prior import log_density
 from mvsam.mvs.regularizer import CostRegularizer
+from mvsam.mvs.votes import voted_scores
 from mvsam.types import DepthPrior, DepthStage, Views
 
 SMOOTHING = 8
@@ -30,6 +31,7 @@ class DepthCascade(nn.Module):
     48, 32, 8 at 4, 1, 0.5). num_bins: base intervals in the depth range.
     clamp: "shift" keeps refined windows at or beyond d_min; "none" lets them become negative, as
     CasMVSNet's code does (the paper is silent).
+    sources_vote: score stage 0 by each source alone as well (`votes.py`; not in the paper).
     checkpoint_stages: while training, keep no volume for the backward pass, which sweeps and
     regularizes each stage again: less memory, another forward pass of time, the same gradients.
     """
@@ -41,6 +43,7 @@ class DepthCascade(nn.Module):
         interval_ratios: Sequence[float] = (4.0, 1.0, 0.5),
         num_bins: int = 192,
         clamp: Literal["shift", "none"] = "shift",
+        sources_vote: bool = False,
         checkpoint_stages: bool = False,
     ):
         super().__init__()
@@ -54,6 +57,7 @@ class DepthCascade(nn.Module):
         self.interval_ratios = tuple(interval_ratios)
         self.num_bins = num_bins
         self.clamp = clamp
+        self.sources_vote = sources_vote
         self.checkpoint_stages = checkpoint_stages
 
     def forward(
@@ -92,13 +96,16 @@ class DepthCascade(nn.Module):
         """Of each hypothesis, before the softmax over planes."""
         regularizer = self.regularizers[index]
 
-        def sweep(features: Tensor) -> Tensor:
-            return regularizer(variance_volume(features, intrinsics, world_from_cam, hypotheses))
+        def score(features: Tensor) -> Tensor:
+            sweep = (features, intrinsics, world_from_cam, hypotheses)
+            if self.sources_vote and index == 0:
+                return voted_scores(variance_volume, regularizer, *sweep)
+            return regularizer(variance_volume(*sweep))
 
         if not (self.checkpoint_stages and torch.is_grad_enabled()):
-            return sweep(features)
+            return score(features)
         return checkpoint(
-            sweep,
+            score,
             features,
             use_reentrant=False,
             preserve_rng_state=False,

@@ -47,10 +47,12 @@ class ConvTranspose3d(nn.ConvTranspose3d):
 
 def _step_around(convolve: Callable[[Tensor], Tensor], volume: Tensor) -> Tensor:
     is_training = torch.is_grad_enabled() and not torch.compiler.is_compiling()
+    if volume.device.type != "cpu" or not is_training:
+        return convolve(volume)  # before a question that would fix the batch of an exported graph
     is_cast = torch.is_autocast_enabled("cpu")
     is_risky = is_cast and volume.shape[2] < _fewest_bfloat16_planes()
     is_slow = not is_cast and volume.dtype == torch.float32 and len(volume) == 1
-    if volume.device.type != "cpu" or not is_training or not (is_risky or is_slow):
+    if not (is_risky or is_slow):
         return convolve(volume)
     with torch.autocast("cpu", enabled=False):
         wide = volume.float()

@@ -12,6 +12,7 @@ from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.cost_volume import textbook_variance_volume
 from mvsam.mvs.prior import log_density
+from mvsam.mvs.votes import voted_scores
 from mvsam.types import DepthPrior, DepthStage, Views
 
 
@@ -29,6 +30,7 @@ class TextbookCascade(nn.Module):
             TextbookRegularizer(regularizer) for regularizer in cascade.regularizers
         )
         self.hypotheses = cascade.hypotheses
+        self.sources_vote = cascade.sources_vote
 
     def forward(
         self,
@@ -44,10 +46,11 @@ class TextbookCascade(nn.Module):
             intrinsics = scale_intrinsics(
                 views.intrinsics, width / views.width, height / views.height
             )
-            volume = textbook_variance_volume(
-                features.contiguous(), intrinsics, views.world_from_cam, hypotheses
-            )
-            scores = self.regularizers[index](volume)
+            sweep = (features.contiguous(), intrinsics, views.world_from_cam, hypotheses)
+            if self.sources_vote and index == 0:
+                scores = voted_scores(textbook_variance_volume, self.regularizers[index], *sweep)
+            else:
+                scores = self.regularizers[index](textbook_variance_volume(*sweep))
             if index == 0 and prior is not None:
                 scores = scores + log_density(prior, hypotheses)
             stages.append(textbook_regress(scores, hypotheses))

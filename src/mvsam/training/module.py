@@ -1,5 +1,6 @@
 """The Lightning module: losses, optimiser and what is logged, for any `model(views)`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -32,6 +33,9 @@ class TrainConfig:
     """Steps between looks at the validation scenes."""
     checkpoint_every: int = 250
     """Steps between checkpoints a killed run can go on from."""
+    parts: tuple[str, ...] = ()
+    """Parts that learn, as `cascade.regularizers.0 prior`; all others stay as they are, with the
+    statistics of their batch norms. None: whatever the model lets learn."""
     singles_weight: float = 1.0
     """Weight of the labelled single photos' loss beside that of the tuples (`DataConfig.singles`).
     """
@@ -40,7 +44,7 @@ class TrainConfig:
 class TrainingModule(LightningModule):
     """Wraps a model for training; the reference moves over the first views of each sample.
 
-    depth_range: metres; validation counts the pixels inside it.
+    depth_range: metres; validation counts the pixels inside it. parts: as of `TrainConfig`.
     """
 
     def __init__(
@@ -50,6 +54,7 @@ class TrainingModule(LightningModule):
         optimizer: OptimizerConfig,
         depth_range: tuple[float, float],
         singles_weight: float = 1.0,
+        parts: Sequence[str] = (),
     ):
         super().__init__()
         self.model = model
@@ -57,6 +62,20 @@ class TrainingModule(LightningModule):
         self.optimizer_config = optimizer
         self.depth_range = depth_range
         self.singles_weight = singles_weight
+        self.learning = [model.get_submodule(name) for name in parts]
+        if parts:
+            learned = {id(p) for part in self.learning for p in part.parameters()}
+            for parameter in model.parameters():
+                parameter.requires_grad_(parameter.requires_grad and id(parameter) in learned)
+
+    def train(self, mode: bool = True) -> "TrainingModule":
+        """As of any module, but that parts which do not learn stay in evaluation mode."""
+        super().train(mode)
+        if self.learning:
+            self.model.eval()
+            for part in self.learning:
+                part.train(mode)
+        return self
 
     def on_train_start(self) -> None:
         """Says `train()`, which Lightning does not: frozen parts then go to evaluation mode."""
