@@ -1,5 +1,6 @@
 """Cameras that are a little off are corrected by their photos; the sentences where none can be."""
 
+import json
 import shutil
 import sys
 from dataclasses import replace
@@ -188,6 +189,24 @@ def test_prediction_goes_on_with_the_same_cameras(tmp_path):
     assert main([*arguments, first]) == 0
     assert main([*arguments, first]) == 0, "the cameras are the same to the last bit"
     assert main([*arguments, first, "--poses", "given"]) == 2
+
+
+@pytest.mark.parametrize("num_matched", [5, 3])
+def test_depth_is_scored_with_corrected_cameras(num_matched: int, tmp_path, capsys, caplog):
+    """Of prescribed tuples the photos alone are matched."""
+    list(write_posed_folder(Displaced(open_scene(SAMPLE)), tmp_path / "room"))
+    arguments = ["eval", "tiny", "--data", str(tmp_path / "room"), "--limit", "1", "--json"]
+    if num_matched == 3:
+        names = [path.stem for path in sorted((tmp_path / "room" / "color").iterdir())]
+        (tmp_path / "tuples.txt").write_text(" ".join(["room", *names[:3]]) + "\n")
+        arguments += ["--tuples", str(tmp_path / "tuples.txt")]
+    rel = {}
+    for poses in ("given", "refined"):
+        capsys.readouterr()
+        assert main([*arguments, "--poses", poses]) == 0
+        rel[poses] = json.loads(capsys.readouterr().out)["rel"]
+    assert f"matches the features of {num_matched} photos" in caplog.text
+    assert rel["refined"] != rel["given"]
 
 
 def test_photos_that_match_nowhere_leave_the_cameras(caplog):

@@ -14,6 +14,7 @@ from mvsam.commands.shared import (
     Json,
     Scale,
     load_model,
+    open_tuples,
     print_json,
     print_table,
     progress_bar,
@@ -47,6 +48,9 @@ class Evaluate:
     format: str | None = None
     """Format of a scene's folder; found from its files where it is not given."""
     scale: Scale = 1.0
+    poses: Literal["given", "refined"] = "given"
+    """refined: let the photos correct the given ones first, which trackers have wrong by half a
+    degree and some centimetres."""
     protocol: str = "paper"
     """Which pixels count, at which size. paper: 320x256, truth in [0.1, 5] m. mvs2d: MVS2D's own,
     640x480 and (0.5, 10) m, searching 0.3 to 10.1 m. scannet-2d: the 2D benchmark's labels at
@@ -98,15 +102,12 @@ class Evaluate:
             print_table(scores.as_table())
 
     def _samples(self, protocol: Protocol, model: Model) -> TupleDataset:
-        from mvsam.data.catalog import open_data
         from mvsam.data.dataset import TupleDataset
-        from mvsam.data.view_rules import prescribe
 
-        scenes = open_data(self.data, self.format, scale=self.scale)
         num_views = self.views or protocol.num_views
         depth_range = self.depth_range or protocol.search_range or protocol.depth_range
-        if self.tuples is not None:
-            scenes = prescribe(scenes, self.tuples, num_views, depth_range)
+        source = (self.data, self.format, self.scale, self.poses, self.tuples)
+        scenes = open_tuples(*source, num_views, depth_range)
         samples = TupleDataset(
             scenes,
             num_views=num_views,

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mvsam.commands.shared import Device, Scale, for_each_scene, load_model, progress_bar
+from mvsam.commands.shared import (
+    Device,
+    Scale,
+    for_each_scene,
+    load_model,
+    open_tuples,
+    progress_bar,
+)
 from mvsam.errors import InputError, counted
 
 if TYPE_CHECKING:
@@ -67,22 +74,13 @@ class Predict:
     """Folder that keeps the features of SAM's encoder between runs, 2.1 MB a photo for base."""
 
     def run(self) -> None:
-        from mvsam.data.catalog import open_data
-        from mvsam.data.lazy import changed
-        from mvsam.data.refined import RefinedScene
-        from mvsam.data.view_rules import prescribe
         from mvsam.encoders.sam import cache_frozen_features
 
         model = load_model(self.model, self.device)
         if self.feature_cache is not None:
             cache_frozen_features(model, self.feature_cache)
-        refine_later = self.poses == "refined" and self.tuples is not None
-        poses = "given" if refine_later else self.poses
-        scenes = open_data(self.scene, self.format, scale=self.scale, poses=poses)
-        if self.tuples is not None:
-            scenes = prescribe(scenes, self.tuples, self.views, self.depth_range)
-        if refine_later:  # of a recording, the photos of its tuples alone are matched
-            scenes = changed(scenes, RefinedScene)
+        source = (self.scene, self.format, self.scale, self.poses, self.tuples)
+        scenes = open_tuples(*source, self.views, self.depth_range)
         failure = for_each_scene(
             scenes, lambda scene: self._predict(model, scene, is_one_of_many=len(scenes) > 1)
         )

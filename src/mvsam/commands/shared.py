@@ -15,6 +15,7 @@ from mvsam.errors import InputError
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from mvsam.data.depth_range import DepthRangeOrAuto
     from mvsam.types import Model, Scene
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -40,6 +41,32 @@ def load_model(name: str, device: Device) -> Model:
 
     target = find_device(device)
     return weights.load(name).to(target)
+
+
+def open_tuples(
+    name: str,
+    format: str | None,
+    scale: float | str,
+    poses: Literal["given", "refined", "colmap"],
+    tuples: str | None,
+    num_views: int,
+    depth_range: DepthRangeOrAuto,
+) -> Sequence[Scene]:
+    """`open_data`, then the tuples of a rule or a file (`view_rules.prescribe`), where one is named.
+
+    Refined are then the poses of the photos in them alone: of a recording not all can be matched.
+    """
+    from mvsam.data.catalog import open_data
+    from mvsam.data.lazy import changed
+    from mvsam.data.refined import RefinedScene
+    from mvsam.data.view_rules import prescribe
+
+    if tuples is None:
+        return open_data(name, format, scale=scale, poses=poses)
+    is_refined = poses == "refined"
+    scenes = open_data(name, format, scale=scale, poses="given" if is_refined else poses)
+    scenes = prescribe(scenes, tuples, num_views, depth_range)
+    return changed(scenes, RefinedScene) if is_refined else scenes
 
 
 def for_each_scene(scenes: Sequence[Scene], work: Callable[[Scene], None]) -> InputError | None:

@@ -33,6 +33,8 @@ def voted_scores(
     """
     batch, num_sources = len(features), features.shape[1] - 1
     of_all = volume_of(features, intrinsics, world_from_cam, hypotheses)
+    if num_sources == 1:
+        return regularizer(of_all)  # the only source's opinion is that of all
     of_each = volume_of(
         beside_reference(features),
         beside_reference(intrinsics),
