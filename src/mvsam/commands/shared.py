@@ -52,7 +52,7 @@ def open_tuples(
     num_views: int,
     depth_range: DepthRangeOrAuto,
 ) -> Sequence[Scene]:
-    """`open_data`, then the tuples of a rule or a file (`view_rules.prescribe`), where one is named.
+    """`open_data`, then the tuples of a rule or file (`view_rules.prescribe`) where one is named.
 
     Refined are then the poses of the photos in them alone: of a recording not all can be matched.
     """
