@@ -3,6 +3,7 @@ import torch
 
 from mvsam.mvs.cost_volume import variance_volume
 from mvsam.mvs.hypotheses import plane_depths
+from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.mvs.textbook import TextbookCascade
 from mvsam.mvs.votes import voted_scores
 from mvsam.types import Views
@@ -60,7 +61,9 @@ def test_the_textbook_cascade_counts_the_same_votes():
     model, views = small_model("tiny").eval(), random_views(num_views=3, height=64, width=64)
     cascade = model.cascade
     assert cascade is not None and cascade.sources_vote
-    cascade.regularizers[0].score.weight.data *= 300  # untrained it finds all hypotheses alike
+    first = cascade.regularizers[0]
+    assert isinstance(first, CostRegularizer)
+    first.score.weight.data *= 300  # untrained it finds all hypotheses alike
     with torch.inference_mode():
         pyramid = model.encode(views).pyramid
         ours = cascade(pyramid, views)[0]
