@@ -36,8 +36,10 @@ def test_scores_are_the_mean_over_all_views_together_and_each_source_alone(views
     ]
     expected = torch.stack(opinions).mean(dim=0)[:, 0]
     sweep = (features, intrinsics, world_from_cam, planes)
-    given = voted_scores(variance_volume, first_channel, *sweep)
-    torch.testing.assert_close(given, expected, atol=1e-5, rtol=1e-5)
+    for is_training in (True, False):
+        with torch.set_grad_enabled(is_training):
+            given = voted_scores(variance_volume, first_channel, *sweep)
+        torch.testing.assert_close(given, expected, atol=1e-5, rtol=1e-5)
     assert not torch.allclose(given, opinions[0][:, 0], atol=1e-2)
 
 

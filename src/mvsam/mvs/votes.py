@@ -28,21 +28,31 @@ def voted_scores(
 ) -> Float[Tensor, "batch plane height width"]:
     """Mean of the scores by all views and by each source alone.
 
-    After the softmax that is the geometric mean of their probabilities. All volumes pass the
-    regularizer at once, so its batch norms see in training what they see in use.
+    After the softmax that is the geometric mean of their probabilities. In use one opinion comes
+    after the other, in the memory of one. In training all volumes pass the regularizer at once, so
+    that its batch norms see what they see in use; in an exported graph too, whose number of views
+    is free.
     """
-    batch, num_sources = len(features), features.shape[1] - 1
-    of_all = volume_of(features, intrinsics, world_from_cam, hypotheses)
+    num_sources = features.shape[1] - 1
+    sweep = (features, intrinsics, world_from_cam, hypotheses)
     if num_sources == 1:
-        return regularizer(of_all)  # the only source's opinion is that of all
-    of_each = volume_of(
-        beside_reference(features),
-        beside_reference(intrinsics),
-        beside_reference(world_from_cam),
-        hypotheses[:, None].expand(-1, num_sources, -1, -1, -1).flatten(0, 1),
-    )
-    scores = regularizer(torch.cat([of_all, of_each])).float()
-    total = scores[:batch] + scores[batch:].unflatten(0, (batch, num_sources)).sum(dim=1)
+        return regularizer(volume_of(*sweep))  # the only source's is that of all
+    if torch.is_grad_enabled() or torch.compiler.is_exporting():
+        pairs = volume_of(
+            beside_reference(features),
+            beside_reference(intrinsics),
+            beside_reference(world_from_cam),
+            hypotheses[:, None].expand(-1, num_sources, -1, -1, -1).flatten(0, 1),
+        )
+        scores = regularizer(torch.cat([volume_of(*sweep), pairs])).float()
+        of_all, of_each = scores.tensor_split([len(features)])
+        total = of_all + of_each.unflatten(0, (len(features), num_sources)).sum(dim=1)
+    else:
+        total = regularizer(volume_of(*sweep)).float()
+        for source in range(1, 1 + num_sources):
+            pair = features[:, [0, source]], intrinsics[:, [0, source]]
+            volume = volume_of(*pair, world_from_cam[:, [0, source]], hypotheses)
+            total += regularizer(volume).float()
     return total / (1 + num_sources)
 
 
