@@ -92,6 +92,31 @@ def test_single_photos_are_refused_where_the_model_cannot_learn_from_them(
         train(experiment, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("parts", "sentence"),
+    [
+        (("cascade.regularizer.0",), r"nearest names are cascade\.regularizers\.0"),
+        (("prior", "decoder.upscaling.0.act"), "no part of tiny"),
+        (("cascade.regularizers.0.entry.2",), "has nothing that learns"),
+    ],
+)
+def test_parts_that_cannot_learn_are_refused(data: Path, tmp_path: Path, parts, sentence: str):
+    experiment = small_experiment(data, 2, "32-true")
+    experiment = replace(experiment, train=replace(experiment.train, parts=parts))
+    with pytest.raises(InputError, match=sentence):
+        train(experiment, tmp_path)
+
+
+def test_a_run_goes_on_with_the_parts_it_began_with(data: Path, tmp_path: Path):
+    experiment = small_experiment(data, 2, "32-true")
+    first = replace(experiment, train=replace(experiment.train, parts=("prior",)))
+    counts = batches_counted(drive(first, tmp_path, 1))
+    assert {n > 0 for key, n in counts.items() if key.startswith("prior")} == {True}
+    assert {n for key, n in counts.items() if not key.startswith("prior")} == {0}
+    with pytest.raises(InputError, match=r"began with --train\.parts prior"):
+        train(experiment, tmp_path)
+
+
 def test_a_finished_run_leaves_weights_page_checkpoint_record_and_logs(finished: Path):
     names = {path.name for path in finished.iterdir()}
     assert {

@@ -12,6 +12,7 @@ from mvsam.mvs.cascade import (
     smoothed,
 )
 from mvsam.mvs.regularizer import CostRegularizer
+from mvsam.mvs.votes import Scoring, joint_scores, voted_scores
 from mvsam.types import DepthStage, Views
 from tests import synthetic
 from tests.reference import plane_sweep
@@ -151,10 +152,12 @@ def test_a_cascade_of_unequal_lists_is_refused():
         DepthCascade([CostRegularizer(8)], num_planes=(8, 8), interval_ratios=(1.0,))
 
 
-def test_checkpointed_stages_train_the_same():
+@pytest.mark.parametrize("first_scores", [joint_scores, voted_scores])
+def test_checkpointed_stages_train_the_same(first_scores: Scoring):
     views = random_views()
     levels = pyramid(views)
-    kept, recomputed = cascade().train(), cascade(checkpoint_stages=True).train()
+    kept = cascade(first_scores=first_scores).train()
+    recomputed = cascade(first_scores=first_scores, checkpoint_stages=True).train()
     for model in (kept, recomputed):
         torch.stack([stage.depth.mean() for stage in model(levels, views)]).sum().backward()
     ours, theirs = dict(recomputed.named_parameters()), dict(kept.named_parameters())

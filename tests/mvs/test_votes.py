@@ -5,7 +5,7 @@ from mvsam.mvs.cost_volume import variance_volume
 from mvsam.mvs.hypotheses import plane_depths
 from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.mvs.textbook import TextbookCascade
-from mvsam.mvs.votes import voted_scores
+from mvsam.mvs.votes import joint_scores, voted_scores
 from mvsam.types import Views
 from tests.small import random_views, small_model
 
@@ -43,11 +43,40 @@ def test_scores_are_the_mean_over_all_views_together_and_each_source_alone(views
     assert not torch.allclose(given, opinions[0][:, 0], atol=1e-2)
 
 
-def test_one_source_is_no_other_opinion(views):
-    two = views.select([0, 1])
-    sweep = sweep_of(two)
-    alone = first_channel(variance_volume(*sweep))
-    torch.testing.assert_close(voted_scores(variance_volume, first_channel, *sweep), alone)
+def test_one_source_is_asked_once(views):
+    sweep, asked = sweep_of(views.select([0, 1])), []
+
+    def counted(volume: torch.Tensor) -> torch.Tensor:
+        asked.append(len(volume))
+        return first_channel(volume)
+
+    given = voted_scores(variance_volume, counted, *sweep)
+    assert asked == [2], "the pair of each of the two samples"
+    torch.testing.assert_close(given, first_channel(variance_volume(*sweep)))
+
+
+def test_one_opinion_after_the_other_says_what_all_at_once_say(views):
+    sweep = sweep_of(views)
+    sweep = (sweep[0], *sweep[1:3], torch.cat([sweep[3], 1 + sweep[3][:, -2:]], dim=1))
+    regularizer = CostRegularizer(8).eval()
+    at_once = voted_scores(variance_volume, regularizer, *sweep).detach()
+    with torch.no_grad():
+        one_by_one = voted_scores(variance_volume, regularizer, *sweep)
+        joint = joint_scores(variance_volume, regularizer, *sweep)
+    torch.testing.assert_close(at_once, one_by_one, atol=1e-4, rtol=1e-4)
+    assert (at_once - joint).abs().max() > 1e-2 * at_once.abs().max()
+
+
+def test_each_opinion_hands_its_gradient_back(views):
+    features, *cameras = sweep_of(views)
+    features.requires_grad_()
+    voted_scores(variance_volume, first_channel, features, *cameras).sum().backward()
+    given, features.grad = features.grad, None
+    for group in ([0, 1, 2, 3], [0, 1], [0, 2], [0, 3]):
+        intrinsics, world_from_cam, planes = cameras
+        parts = (features[:, group], intrinsics[:, group], world_from_cam[:, group], planes)
+        (joint_scores(variance_volume, first_channel, *parts).sum() / 4).backward()
+    torch.testing.assert_close(given, features.grad, atol=1e-4, rtol=1e-4)
 
 
 def test_the_order_of_the_sources_does_not_matter(views):
@@ -62,7 +91,7 @@ def test_the_order_of_the_sources_does_not_matter(views):
 def test_the_textbook_cascade_counts_the_same_votes():
     model, views = small_model("tiny").eval(), random_views(num_views=3, height=64, width=64)
     cascade = model.cascade
-    assert cascade is not None and cascade.sources_vote
+    assert cascade is not None and cascade.first_scores is voted_scores
     first = cascade.regularizers[0]
     assert isinstance(first, CostRegularizer)
     first.score.weight.data *= 300  # untrained it finds all hypotheses alike
@@ -70,7 +99,7 @@ def test_the_textbook_cascade_counts_the_same_votes():
         pyramid = model.encode(views).pyramid
         ours = cascade(pyramid, views)[0]
         plain = TextbookCascade(cascade)(pyramid, views)[0]
-        cascade.sources_vote = False
+        cascade.first_scores = joint_scores
         without = cascade(pyramid, views)[0]
     torch.testing.assert_close(ours.probability, plain.probability, atol=2e-3, rtol=0)
     assert not torch.allclose(ours.probability, without.probability, atol=2e-3)

@@ -12,6 +12,7 @@ from mvsam.model import MultiViewSAM
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.prior import MonocularPrior
 from mvsam.mvs.regularizer import CostRegularizer
+from mvsam.mvs.votes import Scoring, joint_scores, voted_scores
 from mvsam.segmentation.decoder import ConvDecoder, GridFilter, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
 from mvsam.segmentation.transformer import TwoWayTransformer
@@ -64,13 +65,13 @@ def tiny_encoder(tuned_blocks: int | None) -> SamEncoder:
     return SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=tuned_blocks)
 
 
-def tiny_cascade(sources_vote: bool = False) -> DepthCascade:
+def tiny_cascade(first_scores: Scoring = joint_scores) -> DepthCascade:
     """Half the planes in the second sweep, at twice the distance: its window stays +-41 cm."""
     return DepthCascade(
         [CostRegularizer(channels) for channels in (32, 16, 8)],
         num_planes=(48, 16, 8),
         interval_ratios=(4.0, 2.0, 0.5),
-        sources_vote=sources_vote,
+        first_scores=first_scores,
     )
 
 
@@ -82,7 +83,7 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
     return tiny_base(
         num_classes,
         tuned_blocks=tuned_blocks,
-        cascade=tiny_cascade(sources_vote=True),
+        cascade=tiny_cascade(voted_scores),
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
     )

@@ -14,7 +14,7 @@ from mvsam.commands.shared import (
     Json,
     Scale,
     load_model,
-    open_tuples,
+    open_scenes,
     print_json,
     print_table,
     progress_bar,
@@ -50,7 +50,9 @@ class Evaluate:
     scale: Scale = 1.0
     poses: Literal["given", "refined"] = "given"
     """refined: let the photos correct the given ones first, which trackers have wrong by half a
-    degree and some centimetres."""
+    degree and some centimetres; seconds for a few photos, and no more than 150 of a scene. Of a
+    recording name its --tuples. Where neither they nor the scene say which photos go together,
+    other poses may choose others."""
     protocol: str = "paper"
     """Which pixels count, at which size. paper: 320x256, truth in [0.1, 5] m. mvs2d: MVS2D's own,
     640x480 and (0.5, 10) m, searching 0.3 to 10.1 m. scannet-2d: the 2D benchmark's labels at
@@ -106,8 +108,15 @@ class Evaluate:
 
         num_views = self.views or protocol.num_views
         depth_range = self.depth_range or protocol.search_range or protocol.depth_range
-        source = (self.data, self.format, self.scale, self.poses, self.tuples)
-        scenes = open_tuples(*source, num_views, depth_range)
+        scenes = open_scenes(
+            self.data,
+            self.format,
+            scale=self.scale,
+            poses=self.poses,
+            tuples=self.tuples,
+            num_views=num_views,
+            depth_range=depth_range,
+        )
         samples = TupleDataset(
             scenes,
             num_views=num_views,

@@ -14,7 +14,7 @@ from mvsam.commands.shared import (
     Scale,
     for_each_scene,
     load_model,
-    open_tuples,
+    open_scenes,
     progress_bar,
 )
 from mvsam.errors import InputError, counted
@@ -79,8 +79,15 @@ class Predict:
         model = load_model(self.model, self.device)
         if self.feature_cache is not None:
             cache_frozen_features(model, self.feature_cache)
-        source = (self.scene, self.format, self.scale, self.poses, self.tuples)
-        scenes = open_tuples(*source, self.views, self.depth_range)
+        scenes = open_scenes(
+            self.scene,
+            self.format,
+            scale=self.scale,
+            poses=self.poses,
+            tuples=self.tuples,
+            num_views=self.views,
+            depth_range=self.depth_range,
+        )
         failure = for_each_scene(
             scenes, lambda scene: self._predict(model, scene, is_one_of_many=len(scenes) > 1)
         )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from mvsam.data.depth_range import DepthRangeOrAuto
+    from mvsam.data.formats import Poses
     from mvsam.types import Model, Scene
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -43,11 +44,12 @@ def load_model(name: str, device: Device) -> Model:
     return weights.load(name).to(target)
 
 
-def open_tuples(
+def open_scenes(
     name: str,
     format: str | None,
+    *,
     scale: float | str,
-    poses: Literal["given", "refined", "colmap"],
+    poses: Poses,
     tuples: str | None,
     num_views: int,
     depth_range: DepthRangeOrAuto,

@@ -1,4 +1,4 @@
-"""Poses that a tracker gave, corrected by the photos: `mvsam predict --poses refined`.
+"""Poses that a tracker gave, corrected by the photos: `--poses refined`.
 
 Trackers, SLAM and depth cameras whose colour comes a moment later are off by half a degree and a
 few centimetres. COLMAP matches features, `geometry.epipolar` moves the cameras.

@@ -65,6 +65,11 @@ def check_model(experiment: Experiment, model: Model) -> None:
                 f"run {experiment.name}: --train.parts {name} is no part of "
                 f"{experiment.model.name}; the nearest names are {', '.join(close) or 'none'}."
             )
+        if not any(parameter.requires_grad for parameter in parts[name].parameters()):
+            raise InputError(
+                f"run {experiment.name}: --train.parts {name} has nothing that learns; leave it "
+                "out."
+            )
     if experiment.data.singles is None:
         return
     if getattr(model, "decoder", None) is None:
@@ -116,10 +121,19 @@ def recorded_beginning(page: Path) -> str | None:
 
 
 def warn_of_changes(experiment: Experiment, page: Path) -> None:
-    """Says which settings differ from those the run began with."""
+    """Says which settings differ from those the run began with; InputError for other parts.
+
+    The optimiser's moments would be taken for those of other parameters.
+    """
     if not page.exists():
         return
     before, now = json.loads(page.read_text()), experiment.as_json()
+    parts = before.get("train", {}).get("parts", [])
+    if parts != now["train"]["parts"]:
+        raise InputError(
+            f"{page}: began with --train.parts {' '.join(parts) or '(all)'}; go on with the same, "
+            "or begin another run with these weights (--model.init)."
+        )
     for group, settings in now.items():
         if not isinstance(settings, dict):
             continue

@@ -16,7 +16,7 @@ from mvsam.mvs.cost_volume import variance_volume
 from mvsam.mvs.hypotheses import base_interval, plane_depths, resample_depth, window_hypotheses
 from mvsam.mvs.prior import log_density
 from mvsam.mvs.regularizer import CostRegularizer
-from mvsam.mvs.votes import voted_scores
+from mvsam.mvs.votes import Scoring, joint_scores
 from mvsam.types import DepthPrior, DepthStage, Views
 
 SMOOTHING = 8
@@ -31,7 +31,7 @@ class DepthCascade(nn.Module):
     48, 32, 8 at 4, 1, 0.5). num_bins: base intervals in the depth range.
     clamp: "shift" keeps refined windows at or beyond d_min; "none" lets them become negative, as
     CasMVSNet's code does (the paper is silent).
-    sources_vote: score stage 0 by each source alone as well (`votes.py`; not in the paper).
+    first_scores: how stage 0 is scored, `joint_scores` or `voted_scores` (not in the paper).
     checkpoint_stages: while training, keep no volume for the backward pass, which sweeps and
     regularizes each stage again: less memory, another forward pass of time, the same gradients.
     """
@@ -43,7 +43,7 @@ class DepthCascade(nn.Module):
         interval_ratios: Sequence[float] = (4.0, 1.0, 0.5),
         num_bins: int = 192,
         clamp: Literal["shift", "none"] = "shift",
-        sources_vote: bool = False,
+        first_scores: Scoring = joint_scores,
         checkpoint_stages: bool = False,
     ):
         super().__init__()
@@ -57,7 +57,7 @@ class DepthCascade(nn.Module):
         self.interval_ratios = tuple(interval_ratios)
         self.num_bins = num_bins
         self.clamp = clamp
-        self.sources_vote = sources_vote
+        self.first_scores = first_scores
         self.checkpoint_stages = checkpoint_stages
 
     def forward(
@@ -95,12 +95,11 @@ class DepthCascade(nn.Module):
     ) -> Float[Tensor, "batch plane height width"]:
         """Of each hypothesis, before the softmax over planes."""
         regularizer = self.regularizers[index]
+        scores_of = self.first_scores if index == 0 else joint_scores
 
         def score(features: Tensor) -> Tensor:
             sweep = (features, intrinsics, world_from_cam, hypotheses)
-            if self.sources_vote and index == 0:
-                return voted_scores(variance_volume, regularizer, *sweep)
-            return regularizer(variance_volume(*sweep))
+            return scores_of(variance_volume, regularizer, *sweep)
 
         if not (self.checkpoint_stages and torch.is_grad_enabled()):
             return score(features)

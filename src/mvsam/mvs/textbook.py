@@ -12,7 +12,7 @@ from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.cost_volume import textbook_variance_volume
 from mvsam.mvs.prior import log_density
-from mvsam.mvs.votes import voted_scores
+from mvsam.mvs.votes import joint_scores
 from mvsam.types import DepthPrior, DepthStage, Views
 
 
@@ -30,7 +30,7 @@ class TextbookCascade(nn.Module):
             TextbookRegularizer(regularizer) for regularizer in cascade.regularizers
         )
         self.hypotheses = cascade.hypotheses
-        self.sources_vote = cascade.sources_vote
+        self.first_scores = cascade.first_scores
 
     def forward(
         self,
@@ -47,10 +47,8 @@ class TextbookCascade(nn.Module):
                 views.intrinsics, width / views.width, height / views.height
             )
             sweep = (features.contiguous(), intrinsics, views.world_from_cam, hypotheses)
-            if self.sources_vote and index == 0:
-                scores = voted_scores(textbook_variance_volume, self.regularizers[index], *sweep)
-            else:
-                scores = self.regularizers[index](textbook_variance_volume(*sweep))
+            scores_of = self.first_scores if index == 0 else joint_scores
+            scores = scores_of(textbook_variance_volume, self.regularizers[index], *sweep)
             if index == 0 and prior is not None:
                 scores = scores + log_density(prior, hypotheses)
             stages.append(textbook_regress(scores, hypotheses))

@@ -34,8 +34,9 @@ class TrainConfig:
     checkpoint_every: int = 250
     """Steps between checkpoints a killed run can go on from."""
     parts: tuple[str, ...] = ()
-    """Parts that learn, as `cascade.regularizers.0 prior`; all others stay as they are, with the
-    statistics of their batch norms. None: whatever the model lets learn."""
+    """Modules that learn, by their names in the model, as `cascade.regularizers.0 prior`; all
+    others stay as they are, with the statistics of their batch norms. The loss must reach each.
+    Empty: whatever the model lets learn."""
     singles_weight: float = 1.0
     """Weight of the labelled single photos' loss beside that of the tuples (`DataConfig.singles`).
     """
@@ -44,7 +45,8 @@ class TrainConfig:
 class TrainingModule(LightningModule):
     """Wraps a model for training; the reference moves over the first views of each sample.
 
-    depth_range: metres; validation counts the pixels inside it. parts: as of `TrainConfig`.
+    depth_range: metres; validation counts the pixels inside it. parts: as of `TrainConfig`; the
+    parameters of all others no longer ask for gradients.
     """
 
     def __init__(
@@ -62,20 +64,22 @@ class TrainingModule(LightningModule):
         self.optimizer_config = optimizer
         self.depth_range = depth_range
         self.singles_weight = singles_weight
-        self.learning = [model.get_submodule(name) for name in parts]
-        if parts:
-            learned = {id(p) for part in self.learning for p in part.parameters()}
-            for parameter in model.parameters():
-                parameter.requires_grad_(parameter.requires_grad and id(parameter) in learned)
+        self.parts = tuple(parts)
+        for name, parameter in model.named_parameters():
+            if not self._learns(name):
+                parameter.requires_grad_(False)
 
     def train(self, mode: bool = True) -> "TrainingModule":
         """As of any module, but that parts which do not learn stay in evaluation mode."""
         super().train(mode)
-        if self.learning:
-            self.model.eval()
-            for part in self.learning:
-                part.train(mode)
+        for name, module in self.model.named_modules():
+            if not self._learns(name):
+                module.training = False  # it alone: what it holds may learn
         return self
+
+    def _learns(self, name: str) -> bool:
+        """Whether a module or parameter of that name belongs to the parts that learn."""
+        return not self.parts or any(f"{name}.".startswith(f"{part}.") for part in self.parts)
 
     def on_train_start(self) -> None:
         """Says `train()`, which Lightning does not: frozen parts then go to evaluation mode."""
