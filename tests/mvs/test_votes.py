@@ -17,7 +17,7 @@ def views() -> Views:
     return random_views(batch=2, num_views=4, height=SIDE, width=SIDE)
 
 
-def sweep_of(views: Views) -> tuple[torch.Tensor, ...]:
+def sweep_of(views: Views) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     features = torch.randn(2, views.num_views, 8, SIDE, SIDE)
     planes = plane_depths(views.depth_range, 6)[:, :, None, None].expand(-1, -1, SIDE, SIDE)
     return features, views.intrinsics, views.world_from_cam, planes
@@ -56,8 +56,9 @@ def test_one_source_is_asked_once(views):
 
 
 def test_one_opinion_after_the_other_says_what_all_at_once_say(views):
-    sweep = sweep_of(views)
-    sweep = (sweep[0], *sweep[1:3], torch.cat([sweep[3], 1 + sweep[3][:, -2:]], dim=1))
+    features, intrinsics, world_from_cam, planes = sweep_of(views)
+    eight = torch.cat([planes, 1 + planes[:, -2:]], dim=1)  # as many as the network halves thrice
+    sweep = (features, intrinsics, world_from_cam, eight)
     regularizer = CostRegularizer(8).eval()
     at_once = voted_scores(variance_volume, regularizer, *sweep).detach()
     with torch.no_grad():
@@ -68,12 +69,11 @@ def test_one_opinion_after_the_other_says_what_all_at_once_say(views):
 
 
 def test_each_opinion_hands_its_gradient_back(views):
-    features, *cameras = sweep_of(views)
+    features, intrinsics, world_from_cam, planes = sweep = sweep_of(views)
     features.requires_grad_()
-    voted_scores(variance_volume, first_channel, features, *cameras).sum().backward()
+    voted_scores(variance_volume, first_channel, *sweep).sum().backward()
     given, features.grad = features.grad, None
     for group in ([0, 1, 2, 3], [0, 1], [0, 2], [0, 3]):
-        intrinsics, world_from_cam, planes = cameras
         parts = (features[:, group], intrinsics[:, group], world_from_cam[:, group], planes)
         (joint_scores(variance_volume, first_channel, *parts).sum() / 4).backward()
     torch.testing.assert_close(given, features.grad, atol=1e-4, rtol=1e-4)
