@@ -84,8 +84,10 @@ def differences(model: Model, path: Path, views: Views) -> dict[str, np.ndarray]
 def test_votes_of_sources_are_counted_for_any_number_of_views(tmp_path: Path):
     model, path = shallow_model("tiny"), tmp_path / "tiny.onnx"
     cascade = model.cascade
-    assert cascade is not None and isinstance(cascade.regularizers[0], CostRegularizer)
-    cascade.regularizers[0].score.weight.data *= 300  # untrained it finds all hypotheses alike
+    assert cascade is not None
+    first = cascade.regularizers[0]
+    assert isinstance(first, CostRegularizer)
+    first.score.weight.data *= 300  # untrained it finds all hypotheses alike
     export_onnx(model, path, SIZE)
     for num_views in (2, 3, 4):
         views = random_views(1, num_views, SIZE[1], SIZE[0], seed=3)
