@@ -87,6 +87,19 @@ def test_a_folder_that_refuses_files_is_named(tmp_path: Path, monkeypatch):
         writable_folder(tmp_path / "new")
 
 
+def test_processes_may_try_a_folder_at_once(tmp_path: Path):
+    seen = []
+
+    def touched_by_another(self):
+        seen.append(self.name)
+        writable_folder(tmp_path) if len(seen) == 1 else None
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "touch", touched_by_another)
+        writable_folder(tmp_path)
+    assert len(set(seen)) == 2
+
+
 def test_two_writers_of_one_file_do_not_meet(tmp_path: Path):
     path = tmp_path / "map.txt"
 

@@ -262,6 +262,11 @@ def test_measured_depth_cannot_serve_another_reference(evaluated):
         model.decode(model.encode(views), views, reference=1)
 
 
+def test_a_plane_sweep_of_one_view_is_refused(evaluated):
+    with pytest.raises(ValueError, match="one view: a plane sweep needs a source"):
+        predict(evaluated("cas_mvsnet"), random_views(num_views=1))
+
+
 @pytest.mark.parametrize("reference", [-1, 3])
 def test_a_reference_that_is_no_view_is_refused(evaluated, reference: int):
     """-1 would be view 2 as reference and once more among its own sources."""

@@ -71,6 +71,11 @@ class ModelSpec:
     input_size: tuple[int, int] = (320, 256)
     """(width, height) the model works at, pixels."""
 
+    @property
+    def fewest_views(self) -> int:
+        """Photos that it needs at least: one if it looks at single pictures, else two."""
+        return 2 if self.inputs is Inputs.VIEWS else 1
+
 
 _VIEWS, _PICTURE, _RGBD = Inputs.VIEWS, Inputs.PICTURE, Inputs.RGBD
 _BOTH, _DEPTH, _LABELS = ("depth", "semantics"), ("depth",), ("semantics",)

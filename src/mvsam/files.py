@@ -92,12 +92,12 @@ def remove_partial_files(folder: Path) -> None:
 
 def writable_folder(folder: Path) -> Path:
     """`folder`, created where missing; `InputError` where nothing can be written into it."""
-    probe = folder / f".writable{PARTIAL}"
+    probe = folder / f".writable.{secrets.token_hex(4)}{PARTIAL}"
     try:
         with disk_full_as_sentence(folder):
             folder.mkdir(parents=True, exist_ok=True)
             probe.touch()
-            probe.unlink()
+            probe.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(
             f"output folder {folder} is not writable ({error.strerror}): "

@@ -130,9 +130,11 @@ class MultiViewSAM(Model):
         Where there is a prior it weighs the cascade's first hypotheses; without a cascade it is
         only predicted, so that the loss can train it.
 
-        Raises ValueError for a reference that is no view, and for another than 0 where `views`
-        brings a measured depth, which belongs to view 0.
+        Raises ValueError for a reference that is no view, for another than 0 where `views` brings a
+        measured depth, which belongs to view 0, and for a single view where there is a cascade.
         """
+        if self.cascade and views.num_views < 2:
+            raise ValueError("one view: a plane sweep needs a source beside the reference")
         if reference:
             order = views.reference_first(reference)
             features, views = features.select(order), views.with_reference(reference)

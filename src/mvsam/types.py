@@ -172,7 +172,7 @@ class Prediction:
     depth: Float[Tensor, "batch height width"] | None = None
     """Metres."""
     confidence: Float[Tensor, "batch height width"] | None = None
-    """0..1."""
+    """0..1; of a cascade `mvs.cascade.combined_confidence`."""
     logits: Float[Tensor, "batch num_classes height width"] | None = None
     """Before the softmax."""
     stages: list[DepthStage] = field(default_factory=list)

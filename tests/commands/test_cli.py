@@ -186,6 +186,11 @@ def test_predict_says_which_memory_limit_would_do(model: FakeModel, room: str, t
     assert "a memory limit of 0.01 GB is too little" in capsys.readouterr().err
 
 
+def test_a_memory_limit_is_a_number(model: FakeModel, room: str, tmp_path: Path, capsys):
+    assert predict(room, tmp_path, "--max-memory", "nan") == 2
+    assert "give gigabytes, as 2.5" in capsys.readouterr().err
+
+
 def test_only_a_model_with_a_frozen_encoder_has_features_to_keep(
     model: FakeModel, room: str, tmp_path, capsys
 ):
@@ -208,6 +213,35 @@ def test_eval_of_a_model_that_reads_depth_asks_for_it(model: FakeModel, tmp_path
     write_posed_folder(tmp_path / "room", 4, (128, 96), depth=False)
     assert main(["eval", "any", "--data", str(tmp_path / "room"), "--device", "cpu"]) == 2
     assert "has no measured depth" in capsys.readouterr().err
+
+
+def test_eval_does_not_score_labels_of_other_classes(model: FakeModel, room: str, capsys, caplog):
+    names = [{"name": name, "color": [n, 0, 0]} for n, name in enumerate(("sky", "road", "car"))]
+    (Path(room) / "classes.json").write_text(json.dumps(names))
+    assert main(["eval", "any", "--data", room, "--json", "--limit", "1", "--device", "cpu"]) == 0
+    scores = json.loads(capsys.readouterr().out)
+    assert scores["miou"] is None and scores["rel"] is not None
+    assert "its 3 classes are not the model's 20" in caplog.text
+
+
+def test_eval_without_ground_truth_says_so(model: FakeModel, tmp_path: Path, capsys):
+    write_posed_folder(tmp_path / "bare", 4, (128, 96), depth=False, labels=False)
+    assert main(["eval", "any", "--data", str(tmp_path / "bare"), "--device", "cpu"]) == 2
+    assert "no depth or labels that any could be scored by" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--limit", "0"], "--limit 0: give 1 or more"),
+        (["--views", "1"], "--views 1: any looks at 2 photos or more"),
+        (["--views", "0"], "--views 0: any looks at 2 photos or more"),
+        (["--depth-range", "5", "0.1"], "the depth range 5 0.1 is not one"),
+    ],
+)
+def test_eval_refuses_what_cannot_be(options, complaint: str, model, room: str, capsys):
+    assert main(["eval", "any", "--data", room, "--device", "cpu", *options]) == 2
+    assert complaint in capsys.readouterr().err
 
 
 def test_eval_prints_a_table(model: FakeModel, room: str, capsys):

@@ -108,6 +108,19 @@ def test_rooms_are_rendered_once_where_a_cache_is_given(tmp_path, monkeypatch):
         np.testing.assert_array_equal(scene.frame(1).image, image)
 
 
+def test_rooms_of_two_packs_of_one_name_do_not_share_a_folder(tmp_path):
+    folders = set()
+    for parent in ("a", "b", "c"):
+        pack = tmp_path / parent / "pack"
+        pack.mkdir(parents=True)
+        (pack / "models.csv").write_text("the same" if parent == "c" else parent)
+        (pack / "textures.csv").write_text("the same")
+        style = catalog.RoomStyle(cache="rooms", assets=str(pack))
+        assert style.cache_folder(4) == style.cache_folder(4)
+        folders.add(style.cache_folder(4))
+    assert len(folders) == 3
+
+
 def test_a_list_of_scenes_opens_them_in_its_order(tmp_path):
     for name in ("scene0011_00", "scene0015_00"):
         write_posed_folder(tmp_path / "scans" / name)

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from mvsam.data.depth_range import checked_depth_range
 from mvsam.errors import InputError
-from mvsam.inference.photos import check_depth_range, predict
+from mvsam.inference.photos import predict
 from tests.inference.fake_model import FakeModel, WholeModel
 from tests.synthetic import synthetic_views
 
@@ -101,10 +102,19 @@ def test_a_depth_range_must_be_one(depth_range: tuple[float, float]):
         predict(FakeModel(), *photos(2), depth_range=depth_range)
 
 
+def test_a_depth_range_may_be_an_array():
+    assert inspect.unwrap(checked_depth_range)(np.array([0.5, 2.0])) == (0.5, 2.0)
+
+
+def test_references_are_a_list():
+    with pytest.raises(InputError, match=r"give a list of the photos' numbers"):
+        inspect.unwrap(predict)(FakeModel(), *photos(2), references=0)
+
+
 @pytest.mark.parametrize("depth_range", [5, "Auto", (1, 2, 3)])
 def test_a_depth_range_is_two_numbers(depth_range):
     with pytest.raises(InputError, match=r"give \(nearest, farthest\)"):
-        inspect.unwrap(check_depth_range)(depth_range)
+        inspect.unwrap(checked_depth_range)(depth_range)
 
 
 def test_cameras_that_seem_wrong_are_warned_about(monkeypatch, caplog):

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 import mvsam.files
@@ -189,6 +190,16 @@ def test_another_model_does_not_mix_into_a_folder(scene, out: Path):
     predict_scene(WholeModel(), scene, out, overwrite=True, references=["0000"])
     assert not list((out / "labels").iterdir())
     assert [path.name for path in (out / "depth").iterdir()] == ["0000.png"]
+
+
+def test_maps_of_a_model_that_changed_in_memory_are_not_kept(scene, out: Path):
+    model = FakeModel()
+    model.weights_hash = "of its file"
+    predict_scene(model, scene, out)
+    with torch.no_grad():
+        model.scale.add_(1)
+    with pytest.raises(InputError, match=r"of other weights.*--overwrite"):
+        predict_scene(model, scene, out)
 
 
 def test_the_scene_itself_is_never_written_into(scene, tmp_path: Path):

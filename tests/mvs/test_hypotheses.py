@@ -11,6 +11,14 @@ def test_base_interval_is_the_range_over_192():
     assert base_interval(PAPER_RANGE).item() == pytest.approx(0.0255208333, abs=1e-10)
 
 
+def test_both_ends_are_exact_in_single_precision():
+    torch.manual_seed(0)
+    near = torch.rand(1000, 1) + 0.05
+    ranges = torch.cat([near, near + 5 * torch.rand(1000, 1) + 0.1], dim=1)
+    planes = plane_depths(ranges, 48)
+    assert torch.equal(planes[:, 0], ranges[:, 0]) and torch.equal(planes[:, -1], ranges[:, 1])
+
+
 def test_coarse_planes_include_both_ends_of_the_range():
     planes = plane_depths(PAPER_RANGE, 48)[0]
     assert planes[0].item() == 0.1 and planes[-1].item() == pytest.approx(5.0, abs=1e-12)

@@ -112,6 +112,12 @@ def test_eq_4_is_segmentation_plus_alpha_times_depth():
     torch.testing.assert_close(parts["loss"], parts["segmentation"] + 0.25 * parts["depth"])
 
 
+def test_each_stage_has_a_weight():
+    target = Targets(torch.full((1, 4, 4), 2.0), torch.zeros(1, 4, 4, dtype=torch.long))
+    with pytest.raises(ValueError, match=r"1 stages, and --loss\.stage-weights gives 3"):
+        JointLoss()(Prediction(stages=[stage(target.depth)]), target, RANGE)
+
+
 def test_a_model_of_one_task_has_that_loss_alone():
     target = Targets(torch.full((1, 4, 4), 2.0), torch.zeros(1, 4, 4, dtype=torch.long))
     depth = ONE_STAGE(Prediction(stages=[stage(target.depth)]), target, RANGE)

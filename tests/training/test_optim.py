@@ -106,6 +106,10 @@ def test_polynomial_decay_ends_at_zero():
     assert [schedule(step, 100) for step in (0, 50, 100)] == pytest.approx([1, 0.5**0.9, 0])
 
 
+def test_one_cycle_may_rise_to_the_very_end():
+    assert OneCycle(rising=1.0)(10, 10) == 1.0
+
+
 def test_one_cycle_is_torch_s():
     optimizer = torch.optim.SGD(torch.nn.Linear(1, 1).parameters(), lr=1.0)
     # torch counts 101 rates from the first to the last, and puts the top one before its share.

@@ -44,12 +44,14 @@ class Check:
     def run(self) -> None:
         from mvsam.data.catalog import open_data
         from mvsam.data.check.report import report_scene
+        from mvsam.data.depth_range import checked_depth_range
 
+        depth_range = checked_depth_range(self.depth_range)
         scenes = open_data(self.scene, self.format, scale=self.scale, poses=self.poses)
         reports: list[SceneReport] = []
 
         def check(scene: Scene) -> None:
-            reports.append(report_scene(scene, self.depth_range))
+            reports.append(report_scene(scene, depth_range))
             if not self.json:
                 print(f"{_as_text(reports[-1])}\n")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -81,6 +82,8 @@ class Evaluate:
         from mvsam.inference.reading import one_ahead
 
         protocol = _protocol(self.protocol)
+        if self.limit is not None and self.limit < 1:
+            raise InputError(f"--limit {self.limit}: give 1 or more view tuples.")
         model = load_model(_weights_of(self.model), self.device)
         samples = self._samples(protocol, model)
         chosen = evenly_spaced([(index,) for index in range(len(samples))], self.limit)
@@ -98,16 +101,33 @@ class Evaluate:
                 lambda done: progress.update(task, completed=done),
                 self.precision,
             )
+        result = scores.as_json()
+        if result["rel"] is None and result["miou"] is None:
+            raise InputError(
+                f"{self.data}: no depth or labels that {self.model} could be scored by; name data "
+                "with ground truth."
+            )
         if self.json:
-            print_json(scores.as_json())
+            print_json(result)
         else:
             print_table(scores.as_table())
 
     def _samples(self, protocol: Protocol, model: Model) -> TupleDataset:
         from mvsam.data.dataset import TupleDataset
+        from mvsam.data.depth_range import checked_depth_range
+        from mvsam.data.labels import classes_of_model
+        from mvsam.data.lazy import changed
+        from mvsam.data.wrapped import LabelsOf
+        from mvsam.inference.photos import fewest_views
 
-        num_views = self.views or protocol.num_views
-        depth_range = self.depth_range or protocol.search_range or protocol.depth_range
+        num_views = protocol.num_views if self.views is None else self.views
+        if num_views < fewest_views(model):
+            raise InputError(
+                f"--views {num_views}: {self.model} looks at {fewest_views(model)} photos or more."
+            )
+        depth_range = checked_depth_range(
+            self.depth_range or protocol.search_range or protocol.depth_range
+        )
         scenes = open_scenes(
             self.data,
             self.format,
@@ -117,8 +137,9 @@ class Evaluate:
             num_views=num_views,
             depth_range=depth_range,
         )
+        classes = classes_of_model(model)
         samples = TupleDataset(
-            scenes,
+            changed(scenes, partial(LabelsOf, classes=classes)),
             num_views=num_views,
             size=protocol.size,
             depth_range=depth_range,

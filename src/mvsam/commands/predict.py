@@ -119,10 +119,16 @@ def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) 
             overwrite=arguments.overwrite,
             save_npz=arguments.save_npz,
             precision=arguments.precision,
-            max_memory=None if arguments.max_memory is None else int(1e9 * arguments.max_memory),
+            max_memory=_bytes(arguments.max_memory),
             arguments=json.loads(json.dumps(asdict(arguments), default=str)),
             on_photo=lambda done, total, _: progress.update(task, completed=done, total=total),
         )
+
+
+def _bytes(gigabytes: float | None) -> int | None:
+    if gigabytes is not None and not 0 < gigabytes < float("inf"):
+        raise InputError(f"--max-memory {gigabytes:g}: give gigabytes, as 2.5.")
+    return None if gigabytes is None else int(1e9 * gigabytes)
 
 
 def _remark(result: SceneResult) -> str:

@@ -1,5 +1,6 @@
 """Data by name: `rooms:val`, a scene folder, a folder of scene folders, or a list of scenes."""
 
+import hashlib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -106,9 +107,15 @@ class RoomStyle:
         """Where the rooms of one version, size and pack lie."""
         if self.cache is None:
             return None
-        pack = "" if self.assets is None else f"-{Path(self.assets).resolve().name}"
+        pack = "" if self.assets is None else f"-{_name_of_pack(Path(self.assets))}"
         (width, height), frames = self.size, self.num_frames
         return Path(self.cache) / f"v{version}-{width}x{height}-{frames}frames{pack}"
+
+
+def _name_of_pack(folder: Path) -> str:
+    """Its folder's name, and a digest of what it lists: two packs may have the same name."""
+    lists = [file.read_bytes() for file in sorted(folder.glob("*.csv"))]
+    return f"{folder.resolve().name}-{hashlib.sha256(b''.join(lists)).hexdigest()[:8]}"
 
 
 class RoomScenes(Sequence[Scene]):

@@ -1,12 +1,13 @@
 """The depth range of a scene, from its sparse points where there are some, else from its poses."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from mvsam.data.frusta import Cameras
+from mvsam.errors import InputError
 from mvsam.geometry.points import to_pixels
 from mvsam.types import Frame
 
@@ -52,3 +53,20 @@ def depths_in_view(
         inside = ((pixels >= 0) & (pixels <= cameras.sizes[index])).all(axis=1)
         found.append(depth[inside])
     return np.concatenate(found)
+
+
+def checked_depth_range(depth_range: Any) -> DepthRange:
+    """Two numbers as (nearest, farthest), metres; `InputError` unless 0 < nearest < farthest."""
+    try:
+        nearest, farthest = map(float, depth_range)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"the depth range {depth_range!r} is not one; give (nearest, farthest) in metres, or "
+            '"auto".'
+        ) from error
+    if not (np.isfinite([nearest, farthest]).all() and 0 < nearest < farthest):
+        raise InputError(
+            f"the depth range {nearest:g} {farthest:g} is not one; "
+            "give the nearest and the farthest depth in metres, as 0.1 5.0."
+        )
+    return nearest, farthest

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from mvsam.errors import InputError
-from mvsam.types import IGNORE
+from mvsam.types import IGNORE, Model
 
 Color = tuple[int, int, int]
 UNLABELLED_COLOR: Color = (0, 0, 0)
@@ -79,6 +79,12 @@ SCANNET20 = ClassTable(
     ),
 )
 """The 20 classes in the order of the ScanNet benchmark, in its colours."""
+
+
+def classes_of_model(model: Model) -> ClassTable:
+    """The classes that the model's weights were trained for."""
+    info = model.info
+    return ClassTable(info.classes, info.palette) if info and info.classes else SCANNET20
 
 
 def lookup_table(classes: ClassTable) -> UInt8[np.ndarray, "256 3"]:

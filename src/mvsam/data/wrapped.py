@@ -1,11 +1,15 @@
 """A scene seen through another: what scaling, prescribed tuples and shards have in common."""
 
+import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.types import Frame, Scene
+
+log = logging.getLogger("mvsam")
 
 
 class WrappedScene:
@@ -33,3 +37,20 @@ class WrappedScene:
 
     def views(self) -> Sequence[tuple[int, ...]] | None:
         return self._scene.views()
+
+
+class LabelsOf(WrappedScene):
+    """The same scene, without labels where they are of other classes than `classes`; it says so."""
+
+    def __init__(self, scene: Scene, classes: ClassTable):
+        super().__init__(scene)
+        self._fits = self.classes.names == classes.names
+        if not self._fits:
+            log.warning(
+                "%s: its %d classes are not the model's %d; its labels do not count.",
+                *(scene.name, len(self.classes), len(classes)),
+            )
+
+    def frame(self, index: int) -> Frame:
+        frame = super().frame(index)
+        return frame if self._fits else replace(frame, load_labels=None)

@@ -5,7 +5,9 @@ import logging
 from difflib import get_close_matches
 from pathlib import Path
 
-from mvsam.data.catalog import open_data
+from mvsam.build import Inputs, model_spec
+from mvsam.data.catalog import is_rooms, open_data
+from mvsam.data.depth_range import checked_depth_range
 from mvsam.data.labels import SCANNET20, ClassTable
 from mvsam.data.streaming.mixture import parse_sources
 from mvsam.data.streaming.stream import DataConfig
@@ -19,6 +21,17 @@ log = logging.getLogger("mvsam")
 def check_settings(experiment: Experiment, num_processes: int) -> None:
     """InputError where settings contradict each other or the number of processes."""
     run, data, batch_size = experiment.name, experiment.data, experiment.train.batch_size
+    for option, value in (
+        ("--data.num-views", data.num_views),
+        ("--data.fewest-views", data.fewest_views),
+        ("--data.references", data.references),
+        ("--data.singles-per-sample", data.singles_per_sample),
+        ("--train.batch-size", batch_size),
+        ("--optimizer.steps", experiment.optimizer.steps),
+    ):
+        if value is not None and value < 1:
+            raise InputError(f"run {run}: {option} {value}; give 1 or more.")
+    _ = checked_depth_range(data.depth_range)
     if batch_size % num_processes:
         raise InputError(
             f"run {run}: a batch of {batch_size} cannot be shared by {num_processes} processes; "
@@ -40,7 +53,7 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
             f"run {run}: --data.least-pose-noise-share {data.least_pose_noise_share:g}: give a "
             "share, 0 to 1."
         )
-    fewest = data.fewest_views or data.num_views
+    fewest = data.num_views if data.fewest_views is None else data.fewest_views
     if data.references > fewest:
         raise InputError(
             f"run {run}: {data.references} references of {fewest} views; at most every view can "
@@ -49,6 +62,12 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
     if fewest > data.num_views:
         raise InputError(
             f"run {run}: fewest {fewest} of {data.num_views} views; lower --data.fewest-views."
+        )
+    needed = model_spec(experiment.model.name).fewest_views
+    if fewest < needed:
+        raise InputError(
+            f"run {run}: {experiment.model.name} looks at {needed} photos or more, and --data."
+            f"{'num' if data.fewest_views is None else 'fewest'}-views is {fewest}."
         )
 
 
@@ -82,6 +101,58 @@ def check_model(experiment: Experiment, model: Model) -> None:
             f"run {experiment.name}: --data.singles have the {len(SCANNET20)} ScanNet classes, the "
             f"model has {model.num_classes}; leave --data.singles out."
         )
+
+
+def check_truth(experiment: Experiment) -> None:
+    """InputError where the first scenes to train on lack what the model learns from, or reads.
+
+    Said in the log where they lack one of two.
+    """
+    name = experiment.model.name
+    spec = model_spec(name)
+    reads_depth = spec.inputs is Inputs.RGBD
+    if reads_depth and experiment.data.references > 1:
+        raise InputError(
+            f"run {experiment.name}: {name} reads measured depth, which each tuple's first photo "
+            "alone brings; leave --data.references at 1."
+        )
+    for source in parse_sources(experiment.data.train):
+        has_depth, has_labels = _truth_in(source.name, experiment.data)
+        if reads_depth and not has_depth:
+            raise InputError(
+                f"run {experiment.name}: {name} reads measured depth, and {source.name} has none; "
+                "train a model of RGB views (mvsam models)."
+            )
+        known = {"depth": has_depth, "semantics": has_labels}
+        missing = [_FILES[task] for task in spec.tasks if not known[task]]
+        if len(missing) == len(spec.tasks):
+            raise InputError(
+                f"run {experiment.name}: {source.name} has no {' and no '.join(missing)}, which "
+                f"{name} learns from (docs/data.md)."
+            )
+        if missing:
+            log.warning("%s has no %s: it teaches the rest alone.", source.name, missing[0])
+
+
+_FILES = {"depth": "depth maps (depth/)", "semantics": "labels (labels/)"}
+_LOOKED_AT = 8
+"""Scenes of a source; some may lack what others have."""
+
+
+def _truth_in(name: str, data: DataConfig) -> tuple[bool, bool]:
+    """Whether any frame of the first scenes has depth, and whether any has labels."""
+    if is_rooms(name):
+        return True, True
+    scenes = open_data(name, **data.of_scans(name))
+    frames = [
+        scene.frame(index)
+        for scene in (scenes[place] for place in range(min(len(scenes), _LOOKED_AT)))
+        for index in range(len(scene))
+    ]
+    return (
+        any(frame.load_depth is not None for frame in frames),
+        any(frame.load_labels is not None for frame in frames),
+    )
 
 
 def classes_of(experiment: Experiment) -> ClassTable:

@@ -18,6 +18,7 @@ from mvsam.encoders.sam import cache_frozen_features
 from mvsam.experiments.checks import (
     check_model,
     check_settings,
+    check_truth,
     classes_of,
     recorded_beginning,
     warn_of_changes,
@@ -71,6 +72,7 @@ def train(
     """
     num_processes = devices * num_nodes
     check_settings(experiment, num_processes)
+    check_truth(experiment)
     device = find_device(accelerator, "--accelerator")
     _prepare_process(experiment.train.seed, device, devices)
     classes = classes_of(experiment)

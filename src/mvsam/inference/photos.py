@@ -8,10 +8,15 @@ from typing import Any, get_args
 import numpy as np
 from jaxtyping import Float
 
-from mvsam.build import MODELS, Inputs
+from mvsam.build import MODELS
 from mvsam.data.camera_checks import check_intrinsics, check_pose
 from mvsam.data.check.report import camera_warning
-from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, estimate_depth_range
+from mvsam.data.depth_range import (
+    DepthRange,
+    DepthRangeOrAuto,
+    checked_depth_range,
+    estimate_depth_range,
+)
 from mvsam.data.refined import refined_poses
 from mvsam.errors import InputError, counted
 from mvsam.geometry.camera import HALF_PIXEL
@@ -62,7 +67,7 @@ def predict(
     warn_of_other_range(model, depth_range)
     if warning := camera_warning(frames, depth_range):
         log.warning("%s", warning)
-    chosen = list(range(len(frames)) if references is None else references)
+    chosen = list(range(len(frames)) if references is None else _as_list(references))
     for reference in chosen:
         if not isinstance(reference, int | np.integer) or reference not in range(len(frames)):
             raise InputError(
@@ -73,6 +78,15 @@ def predict(
     check_measured_depth(model, [views[0] for views in tuples])
     with Session(model, depth_range, precision=precision) as session:
         return list(session.predict_all(tuples))
+
+
+def _as_list(references: Any) -> list[Any]:
+    try:
+        return list(references)
+    except TypeError as error:
+        raise InputError(
+            f"references {references!r}: give a list of the photos' numbers, as [0]."
+        ) from error
 
 
 def refine_poses(
@@ -104,9 +118,9 @@ def _frames(
 
 
 def fewest_views(model: Model) -> int:
-    """Photos that it needs at least: one if it looks at single pictures, else two."""
+    """Photos that it needs at least (`ModelSpec.fewest_views`); two where that is not known."""
     spec = MODELS.get(model.info.model) if model.info else None
-    return 2 if spec is None or spec.inputs is Inputs.VIEWS else 1
+    return 2 if spec is None else spec.fewest_views
 
 
 def warn_of_other_range(model: Model, depth_range: DepthRange) -> None:
@@ -137,26 +151,9 @@ def resolved_depth_range(
     depth_range: DepthRangeOrAuto, frames: Sequence[Frame], points: np.ndarray | None = None
 ) -> DepthRange:
     """The range in metres; "auto" is estimated from the scene's points or its poses."""
-    if depth_range == "auto":
+    if isinstance(depth_range, str) and depth_range == "auto":
         return estimate_depth_range(frames, points)
-    check_depth_range(depth_range)
-    return depth_range
-
-
-def check_depth_range(depth_range: tuple[float, float]) -> None:
-    """Raises `InputError` unless 0 < nearest < farthest."""
-    try:
-        nearest, farthest = map(float, depth_range)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the depth range {depth_range!r} is not one; give (nearest, farthest) in metres, or "
-            '"auto".'
-        ) from error
-    if not (np.isfinite([nearest, farthest]).all() and 0 < nearest < farthest):
-        raise InputError(
-            f"the depth range {nearest:g} {farthest:g} is not one; "
-            "give the nearest and the farthest depth in metres, as 0.1 5.0."
-        )
+    return checked_depth_range(depth_range)
 
 
 def _frame(name: str, image: Any, intrinsics: Any, world_from_cam: Any) -> Frame:

@@ -19,13 +19,14 @@ from mvsam.provenance import versions
 from mvsam.types import Frame, Model
 
 IDENTITY = (
-    *("scene", "cameras_hash", "model", "weights_hash", "num_views", "depth_range"),
-    *("tuples_hash", "precision"),
+    *("scene", "cameras_hash", "model", "weights_hash", "values_hash", "num_views"),
+    *("depth_range", "tuples_hash", "precision"),
 )
 """Keys in which two runs must agree to share a folder."""
 _HASHED = {
     "cameras_hash": "of other cameras",
     "weights_hash": "of other weights",
+    "values_hash": "of other weights, or of an earlier version of mvsam",
     "tuples_hash": "made from other view tuples (--tuples, or the scene's views.txt)",
 }
 
@@ -41,11 +42,13 @@ def describe_run(
     arguments: dict[str, Any] | None,
 ) -> dict[str, Any]:
     """The part of `run.json` that is known before the work begins; tuples: all of the scene's."""
+    values = hash_of_values(model)
     return {
         "scene": scene_name,
         "cameras_hash": hash_of_cameras(frames),
         "model": model_name(model),
-        "weights_hash": model.weights_hash or hash_of_values(model),
+        "weights_hash": model.weights_hash or values,
+        "values_hash": values,
         "num_views": num_views,
         "tuples_hash": hash_of_tuples(tuples),
         "depth_range": list(depth_range),
@@ -102,7 +105,7 @@ def hash_of_tuples(tuples: Sequence[ViewTuple]) -> str:
 
 
 def hash_of_values(model: nn.Module) -> str:
-    """16 digits for a model that came from no file: SHA-256 of all its numbers and their names."""
+    """16 digits of SHA-256 for all numbers of a model, which may have changed in memory."""
     digest = hashlib.sha256()
     for name, value in sorted(model.state_dict().items()):
         digest.update(name.encode())

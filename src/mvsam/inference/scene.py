@@ -9,7 +9,7 @@ from typing import Any
 
 from mvsam.data.check.report import camera_warning
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto
-from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.labels import ClassTable, classes_of_model
 from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.device import device_of
 from mvsam.errors import InputError
@@ -159,7 +159,7 @@ class _Work:
     ):
         self.session, self.frames, self.folder = session, frames, folder
         self.run, self.save_npz = run, save_npz
-        self.classes = _class_table(session.model)
+        self.classes = classes_of_model(session.model)
         self.written: list[str] = []
         self.kept: list[str] = []
 
@@ -202,12 +202,6 @@ def _photos_within(limit: int | None, model: Model, frames: Sequence[Frame], num
     largest = max(width * height for width, height in (frame.size for frame in frames))
     needs = count_needs(model, model.input_size, num_views, largest)
     return photos_within(limit, memory_in_use(device_of(model).type), needs, num_views)
-
-
-def _class_table(model: Model) -> ClassTable:
-    """The classes that the model's weights were trained for."""
-    info = model.info
-    return ClassTable(info.classes, info.palette) if info and info.classes else SCANNET20
 
 
 def _tuples_of(

@@ -27,7 +27,7 @@ def plane_depths(
     """
     steps = torch.linspace(0, 1, num_planes, device=depth_range.device, dtype=depth_range.dtype)
     near, far = depth_range[:, :1], depth_range[:, 1:]
-    return near + (far - near) * steps
+    return torch.lerp(near, far, steps)
 
 
 def window_hypotheses(

@@ -63,6 +63,11 @@ class JointLoss:
 
         The ground truth comes down to each stage by the nearest pixel. 0 where no pixel is valid.
         """
+        if len(stages) != len(self.stage_weights):
+            raise ValueError(
+                f"the model has {len(stages)} stages, and --loss.stage-weights gives "
+                f"{len(self.stage_weights)}"
+            )
         total = depth.new_zeros(())
         for stage, weight in zip(stages, self.stage_weights, strict=True):
             target = depth_at(depth, stage.depth.shape[-2:])

@@ -104,7 +104,7 @@ class OneCycle:
         top = self.rising * steps
         if step < top:
             return _half_cosine(self.first, 1.0, step / top)
-        return _half_cosine(1.0, self.last, (step - top) / (steps - top))
+        return _half_cosine(1.0, self.last, (step - top) / max(steps - top, 1))
 
 
 def _half_cosine(begin: float, end: float, share: float) -> float:

@@ -29,7 +29,7 @@ def make_frame(size=(6, 4)) -> Frame:
     return Frame(
         name="a",
         size=size,
-        intrinsics=np.array([[5.0, 0, 2.2], [0, 5.5, 1.9], [0, 0, 1]]),
+        intrinsics=np.array([[5.0, 0.7, 2.2], [0, 5.5, 1.9], [0, 0, 1]]),
         world_from_cam=pose,
         load_image=lambda: image,
         load_depth=lambda: image[..., 0].astype(np.float32),
@@ -117,6 +117,13 @@ def test_depth_as_if_estimated_keeps_what_is_unknown_and_errs_by_its_spread():
         assert (estimated[:, :10] == 0).all() and (estimated[:, 10:] > 0).all()
         off.append((estimated[:, 10:] / 2).log().abs().mean())
     assert 0.04 < torch.stack(off).mean() < 0.12
+
+
+def test_depth_beside_a_hole_is_not_drawn_to_zero():
+    depth = torch.full((1, 64, 80), 2.0)
+    depth[:, :, 37:] = 0
+    estimated = as_if_estimated(depth, 0.0, np.random.default_rng(0))
+    torch.testing.assert_close(estimated, depth)
 
 
 def test_depth_estimated_without_errors_only_loses_its_edges():

@@ -22,7 +22,7 @@ def mirrored(frame: Frame) -> Frame:
     Mirror all views of a tuple or none.
     """
     intrinsics = frame.intrinsics.copy()
-    intrinsics[0, 2] = frame.size[0] - intrinsics[0, 2]
+    intrinsics[0, 1:] = -intrinsics[0, 1], frame.size[0] - intrinsics[0, 2]
     load_depth, load_labels = frame.load_depth, frame.load_labels
     return replace(
         frame,
@@ -95,8 +95,12 @@ def as_if_estimated(
     cell = int(dice.integers(4, 25))
     known = (depth[None] > 0).to(depth.dtype)
     coarse = (max(height // cell, 1), max(width // cell, 1))
-    sums, shares = (F.interpolate(x, coarse, mode="area") for x in (depth[None], known))
-    blurred = F.interpolate(sums / shares.clamp(min=1e-6), (height, width), mode="bilinear")
+    # Both are smoothed before one is divided by the other: a cell without depth has no say.
+    sums, shares = (
+        F.interpolate(F.interpolate(x, coarse, mode="area"), (height, width), mode="bilinear")
+        for x in (depth[None], known)
+    )
+    blurred = sums / shares.clamp(min=1e-6)
     errors = torch.from_numpy(dice.normal(0, spread, (1, 1, 5, 6)).astype(np.float32))
     slow = F.interpolate(errors, (height, width), mode="bicubic")
     return torch.where(known > 0, blurred * slow.exp(), 0)[0]
