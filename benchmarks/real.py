@@ -194,7 +194,7 @@ def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
     labels: what nyu_labels.py wrote. refined: the record with `--poses refined`.
     """
     lines = [
-        "# Results on real photographs",
+        "# Results on recorded and rendered sequences",
         "",
         f"`{record['model']}` (weights {record['weights_hash']}), commit {record['commit']}, "
         f"{record['date']}, protocol `real` (320x256, ground truth between 0.1 and 5 m, at most 24 "
@@ -203,7 +203,9 @@ def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
         *_table(record),
         "",
         "*Confident half*: the half of each image's pixels with the highest confidence. *Median*: "
-        "a constant depth that knows each image's median. Written by `benchmarks/real.py`.",
+        "a constant depth that knows each image's median. *5 views (3 of the same)*: the tuples that "
+        "have five photos, in brackets three of the same; - where none has. Written by "
+        "`benchmarks/real.py`.",
         "",
         "The paper's methods side by side are in [tables](tables.md), what became of its claims "
         "in [claims](claims.md).",

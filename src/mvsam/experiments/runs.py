@@ -119,7 +119,7 @@ _RUNS = (
         name="tiny_nyu_semantic",
         about="`tiny-nyu`: labels and depth of NYUv2's training photos beside those of rooms, "
         "prompted with measured depth, made wrong half of the time; research terms. "
-        "--data.singles says where NYUv2 lies. Three quarters of an hour of a core.",
+        "--data.singles says where NYUv2 lies. 1.2 hours of a core beside other work.",
         model=ModelConfig("tiny_semantic", init=("tiny",)),
         data=_with_nyu(_PROMPTED),
         loss=JointLoss(),
