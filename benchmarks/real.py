@@ -68,8 +68,7 @@ class SequenceSamples:
         self.data = TupleDataset(
             scenes, num_views, protocol.size, protocol.depth_range, semantic_size=semantic_size
         )
-        tuples = [(index,) for index in range(len(self.data))]
-        chosen = [index for (index,) in evenly_spaced(tuples, protocol.tuples_per_scene)]
+        chosen = evenly_spaced(range(len(self.data)), protocol.tuples_per_scene)
         self.chosen = [n for n in chosen if is_in(part, scenes[0].name, n)]
         if only_many:
             lengths = [
@@ -203,8 +202,8 @@ def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
         *_table(record),
         "",
         "*Confident half*: the half of each image's pixels with the highest confidence. *Median*: "
-        "a constant depth that knows each image's median. *5 views (3 of the same)*: the tuples that "
-        "have five photos, in brackets three of the same; - where none has. Written by "
+        "a constant depth that knows each image's median. *5 views (3 of the same)*: those with "
+        "five photos, in brackets three of the same; - where none has. Written by "
         "`benchmarks/real.py`.",
         "",
         "The paper's methods side by side are in [tables](tables.md), what became of its claims "

@@ -45,10 +45,10 @@ class DisplacedScene(WrappedScene):
 def score(model: Model, scenes: list[Scene], limit: int, protocol: Protocol) -> dict:
     """Of at most `limit` tuples of three photos, evenly spaced."""
     data = TupleDataset(scenes, 3, protocol.size)
-    chosen = evenly_spaced([(index,) for index in range(len(data))], limit)
+    chosen = evenly_spaced(range(len(data)), limit)
 
     def samples() -> Iterator[Sample]:
-        return (data[index] for (index,) in chosen)
+        return (data[index] for index in chosen)
 
     totals = evaluate(model, samples(), protocol, precision="auto").as_json()
     return {key: value for key, value in totals.items() if key != "scenes"}

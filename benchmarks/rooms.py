@@ -35,8 +35,7 @@ class Tuples:
     """Some tuples of a data set, evenly spaced; read once, then kept."""
 
     def __init__(self, data: TupleDataset, limit: int | None):
-        indices = [(index,) for index in range(len(data))]
-        self.indices = [index for (index,) in evenly_spaced(indices, limit)]
+        self.indices = evenly_spaced(range(len(data)), limit)
         self.read = lru_cache(maxsize=None)(data.__getitem__)
 
     def __iter__(self) -> Iterator[Sample]:

@@ -83,6 +83,11 @@ def write_json(path: Path, value: Any) -> None:
     write_whole(path, lambda file: file.write(text.encode()))
 
 
+def write_matrix(path: Path, matrix: np.ndarray) -> None:
+    """Rows of numbers with nine digits, written whole."""
+    write_whole(path, lambda file: np.savetxt(file, matrix, fmt="%.9g"))
+
+
 def remove_partial_files(folder: Path) -> None:
     """Removes what a killed `write_whole` left unfinished anywhere below `folder`."""
     for partial in folder.rglob(f".*{PARTIAL}"):

@@ -17,7 +17,7 @@ from PIL import Image
 from mvsam.apps.report import page as page_module
 from mvsam.apps.report.cloud_data import first_view, frusta, thinned
 from mvsam.apps.report.page import build_page, count_steps
-from mvsam.apps.report.photos import evenly, read_photos
+from mvsam.apps.report.photos import read_photos
 from mvsam.apps.report.rows import photo_row
 from mvsam.apps.report.thumbnails import (
     UNSURE_TO_SURE,
@@ -31,6 +31,7 @@ from mvsam.commands.report import Report
 from mvsam.commands.view import View
 from mvsam.data.formats import open_scene
 from mvsam.data.labels import SCANNET20
+from mvsam.data.sampling import evenly_spaced
 from mvsam.errors import InputError
 from mvsam.inference.pictures import depth_picture
 from mvsam.inference.scene import predict_scene
@@ -363,7 +364,7 @@ def test_of_very_many_photos_some_are_shown_evenly_and_the_page_says_so(folder: 
     page = Page(page_of(folder))
     assert page.text_of("h3") == ["0000", "0003"]
     assert any(text.startswith("2 of 4 photos, evenly spaced") for text in page.text_of("p"))
-    assert evenly(range(100), 4) == [0, 33, 66, 99]
+    assert evenly_spaced(range(100), 4) == [0, 33, 66, 99]
 
 
 def test_progress_is_told_as_often_as_announced(kept: Path):

@@ -86,7 +86,7 @@ class Evaluate:
             raise InputError(f"--limit {self.limit}: give 1 or more view tuples.")
         model = load_model(_weights_of(self.model), self.device)
         samples = self._samples(protocol, model)
-        chosen = evenly_spaced([(index,) for index in range(len(samples))], self.limit)
+        chosen = evenly_spaced(range(len(samples)), self.limit)
         if model.reads_depth and chosen and samples[0][1].measured_depth is None:
             raise InputError(
                 f"{self.data}: its first photo has no measured depth, which {self.model} reads; "
@@ -96,7 +96,7 @@ class Evaluate:
             task = progress.add_task(f"evaluate {self.model}", total=len(chosen))
             scores = evaluate(
                 fold_batch_norm(model),
-                one_ahead(samples[index] for (index,) in chosen),
+                one_ahead(samples[index] for index in chosen),
                 protocol,
                 lambda done: progress.update(task, completed=done),
                 self.precision,

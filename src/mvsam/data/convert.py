@@ -12,7 +12,7 @@ from mvsam.data.files import load_matrix
 from mvsam.data.labels import SCANNET20
 from mvsam.data.readers.posed_folder import read_classes
 from mvsam.errors import InputError
-from mvsam.files import write_json, write_whole
+from mvsam.files import write_json, write_matrix, write_whole
 from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.geometry.depth_map import to_millimetres
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
@@ -37,12 +37,12 @@ def write_posed_folder(scene: Scene, folder: Path, photos: PhotoFormat = "JPEG")
     _check_same_classes(scene, folder)
     _write_classes(scene, folder)
     for file, matrix in matrices.items():
-        _write_matrix(folder / file, matrix)
+        write_matrix(folder / file, matrix)
     for frame in frames:
         pose = folder / "poses" / f"{frame.name}.txt"  # written last, so it says that all is there
         if not pose.exists():
             _write_pixels(frame, folder, "color", photos)
-            _write_matrix(pose, frame.world_from_cam)
+            write_matrix(pose, frame.world_from_cam)
         yield frame.name
     if (tuples := scene.views()) is not None:
         lines = ["# reference, then sources, best first"]
@@ -182,7 +182,3 @@ def _write_classes(scene: Scene, folder: Path) -> None:
 
 def _save(path: Path, picture: Image.Image, format: str, **options: Any) -> None:
     write_whole(path, lambda file: picture.save(file, format=format, **options))
-
-
-def _write_matrix(path: Path, matrix: np.ndarray) -> None:
-    write_whole(path, lambda file: np.savetxt(file, matrix, fmt="%.9g"))

@@ -1,6 +1,7 @@
 """Which views go together: sources ranked by the overlap of viewing frusta and their baseline."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from mvsam.data.keyframes import keyframes
 from mvsam.errors import InputError
 from mvsam.types import Frame, Scene
 
+Item = TypeVar("Item")
 ViewTuple = tuple[int, ...]
 """Frame indices: the reference, then its sources, best first."""
 
@@ -132,8 +134,8 @@ def _rank_all(
     return tuples, skipped
 
 
-def evenly_spaced(tuples: Sequence[ViewTuple], limit: int | None) -> list[ViewTuple]:
+def evenly_spaced(items: Sequence[Item], limit: int | None) -> list[Item]:
     """At most `limit` of them, spread evenly from the first to the last."""
-    if limit is None or len(tuples) <= limit:
-        return list(tuples)
-    return [tuples[round(position)] for position in np.linspace(0, len(tuples) - 1, limit)]
+    if limit is None or len(items) <= limit:
+        return list(items)
+    return [items[round(position)] for position in np.linspace(0, len(items) - 1, limit)]

@@ -13,7 +13,6 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 from PIL import Image
 
 from mvsam.data.nyu40 import TSV, find_tsv
@@ -23,7 +22,7 @@ from mvsam.data.readers.sens import SensFile
 from mvsam.data.splits import is_scene_list, listed_scenes
 from mvsam.data.view_rules import prescribe, read_rule
 from mvsam.errors import InputError
-from mvsam.files import write_whole
+from mvsam.files import write_matrix, write_whole
 from mvsam.geometry.camera import HALF_PIXEL
 
 CHUNK = 16
@@ -134,7 +133,7 @@ def run(job: Job) -> int:
         if job.labels is not None and _lacks_label(scan, labels, index, job):
             label = read_label(job.labels, labels[index])
             _write_bytes(job.label_file(index), label)
-        _write_matrix(file, pose)
+        write_matrix(file, pose)
     return len(job.frames)
 
 
@@ -209,11 +208,7 @@ def _write_intrinsics(scan: SensFile, out: Path, size: tuple[int, int] | None) -
             raise InputError(
                 f"{out}: was begun with photos of another --size; give that one, or another folder."
             )
-        _write_matrix(file, full)
-
-
-def _write_matrix(path: Path, matrix: Float[np.ndarray, "4 4"]) -> None:
-    write_whole(path, lambda stream: np.savetxt(stream, matrix, fmt="%.9g"))
+        write_matrix(file, full)
 
 
 def _write_bytes(path: Path, data: bytes) -> None:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from mvsam.apps.report.photos import evenly
 from mvsam.apps.report.thumbnails import confidence_colors
 from mvsam.data.labels import ClassTable, lookup_table
+from mvsam.data.sampling import evenly_spaced
 from mvsam.reconstruction.cloud import PointCloud, VoxelGrid
 from mvsam.reconstruction.filtering import Camera
 from mvsam.types import IGNORE
@@ -87,7 +87,7 @@ def first_view(points: Float[np.ndarray, "point 3"], cameras: Sequence[Camera]) 
 def frusta(cameras: Sequence[Camera], size: float) -> Float[np.ndarray, "camera 16 3"]:
     """Ends of the 8 lines that draw each camera: four edges of `size` metres and their rim."""
     lines = []
-    for camera in evenly(cameras, MOST_CAMERAS):
+    for camera in evenly_spaced(cameras, MOST_CAMERAS):
         width, height = camera.size
         corners = np.array([(0, 0, 1), (width, 0, 1), (width, height, 1), (0, height, 1)])
         rays = size * corners @ np.linalg.inv(camera.intrinsics).T

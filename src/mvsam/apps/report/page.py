@@ -13,10 +13,11 @@ import numpy as np
 
 from mvsam.apps.report import sections
 from mvsam.apps.report.cloud_data import cloud_data
-from mvsam.apps.report.photos import Photo, count_labels, evenly, read_labels
+from mvsam.apps.report.photos import Photo, count_labels, read_labels
 from mvsam.apps.report.rows import photo_row
 from mvsam.apps.report.thumbnails import UNSURE_TO_SURE
 from mvsam.data.labels import SCANNET20, ClassTable, read_class_table
+from mvsam.data.sampling import evenly_spaced
 from mvsam.errors import InputError
 from mvsam.inference.pictures import NEAR_TO_FAR
 from mvsam.reconstruction.cloud import NothingLeft, build_cloud
@@ -94,7 +95,7 @@ def _rows(
     photos: Sequence[Photo], classes: ClassTable, on_step: Callable[[], None]
 ) -> tuple[list[str], np.ndarray]:
     """Those of the photos that are shown, and the pixels of every label in all photos."""
-    shown = evenly(photos, MOST_ROWS)
+    shown = evenly_spaced(photos, MOST_ROWS)
     rows, counts = [], np.zeros(256, np.int64)
     for photo in photos:
         if photo.label_path is not None:

@@ -1,9 +1,8 @@
 """The photos of a `predict` folder with the maps that each has, whatever the model's tasks."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -11,8 +10,6 @@ from jaxtyping import Float, Int, UInt8
 from mvsam.errors import InputError
 from mvsam.geometry.depth_map import from_millimetres
 from mvsam.reconstruction.folder import file_of, open_picture, read_frames
-
-Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -66,11 +63,3 @@ def read_labels(path: Path) -> UInt8[np.ndarray, "height width"]:
 def count_labels(labels: UInt8[np.ndarray, "height width"]) -> Int[np.ndarray, "256"]:
     """Pixels of every label value."""
     return np.bincount(labels.ravel(), minlength=256)
-
-
-def evenly(items: Sequence[Item], most: int) -> list[Item]:
-    """At most so many of them, the first and the last among them, at even distances."""
-    if len(items) <= most:
-        return list(items)
-    places = np.linspace(0, len(items) - 1, most).round().astype(int)
-    return [items[place] for place in places]
