@@ -227,7 +227,7 @@ def test_eval_does_not_score_labels_of_other_classes(model: FakeModel, room: str
 def test_eval_without_ground_truth_says_so(model: FakeModel, tmp_path: Path, capsys):
     write_posed_folder(tmp_path / "bare", 4, (128, 96), depth=False, labels=False)
     assert main(["eval", "any", "--data", str(tmp_path / "bare"), "--device", "cpu"]) == 2
-    assert "no depth or labels that any could be scored by" in capsys.readouterr().err
+    assert "no depth or labels to score any by" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -271,11 +271,14 @@ def test_rooms_export_writes_posed_folders_and_preview_a_picture(tmp_path: Path)
     ("arguments", "complaint"),
     [
         (["predict", "nowhere", "--out", "out", "--model", "tinny"], "unknown model 'tinny'"),
-        (["reconstruct", "nowhere", "--out", "room.ply"], "nowhere has no transforms.json"),
+        (["reconstruct", "nowhere", "--out", "room.ply"], "nowhere is no folder"),
         (["reconstruct", "nowhere", "--out", "room.stl"], "must end in .ply or .glb"),
         (["eval", "tiny", "--protocol", "scanet"], "unknown protocol 'scanet'"),
         (["rooms", "preview", "elsewhere"], "does not name rooms"),
         (["train", "tinny"], "unknown run 'tinny'"),
+        (["export", "tiny", "--out", "tiny.pt"], "tiny.pt must end in .onnx"),
+        (["report", "nowhere", "--out", "page.txt"], "page.txt must end in .html"),
+        (["predict", "x", "--out", "y", "--model", "tiny_nyu"], "Did you mean 'tiny-nyu'?"),
     ],
 )
 def test_bad_input_is_one_sentence_and_ends_with_2(arguments, complaint: str, capsys, tmp_path):

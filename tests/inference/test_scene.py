@@ -179,7 +179,7 @@ def test_maps_of_poses_since_corrected_are_not_kept(tmp_path: Path, scene, out: 
 
 
 def test_fewer_than_two_views_are_refused(scene, out: Path):
-    with pytest.raises(InputError, match="1 views for a prediction: ask for 2 to 8"):
+    with pytest.raises(InputError, match="--views 1: a prediction looks at 2 to 8 photos"):
         predict_scene(FakeModel(), scene, out, num_views=1)
 
 
@@ -262,7 +262,7 @@ def test_an_output_folder_that_cannot_be_written_is_named(scene, tmp_path: Path)
 def test_references_choose_photos_by_name(scene, out: Path):
     result = predict_scene(FakeModel(), scene, out, references=["0002"])
     assert result.written == ["0002"]
-    with pytest.raises(InputError, match=r"no photo named 002\. Did you mean 0002"):
+    with pytest.raises(InputError, match=r"no photo named 002; it has 000"):
         predict_scene(FakeModel(), scene, out, references=["002"])
 
 
@@ -293,6 +293,17 @@ def test_a_model_that_was_trained_for_farther_depths_says_so(scene, out: Path, c
     model.info = SimpleNamespace(model="tiny", classes=(), palette=(), depth_range=(0.3, 10.0))
     predict_scene(model, scene, out)
     assert "trained for 0.3 to 10 m, and 0.1 to 5 m are searched" in caplog.text
+
+
+def test_sparse_points_beyond_the_range_are_warned_about(scene, out: Path, caplog):
+    """As those of COLMAP's models, which have no unit."""
+    scene.points = 30 * np.random.default_rng(0).normal(size=(20_000, 3))
+    predict_scene(FakeModel(), scene, out, references=["0000"])
+    assert "of its sparse points lie outside 0.1 to 5 m" in caplog.text
+    caplog.clear()
+    scene.points = None
+    predict_scene(FakeModel(), scene, out, references=["0001"])
+    assert "sparse points" not in caplog.text
 
 
 def test_skew_that_the_index_cannot_hold_is_warned_about(scene, out: Path, tmp_path, caplog):

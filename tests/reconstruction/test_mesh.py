@@ -64,7 +64,7 @@ def test_a_mesh_of_nothing_says_what_to_do(folder: Path):
 def test_photos_too_few_to_confirm_each_other_are_told_apart(folder: Path):
     views = read_predictions(folder)[:1]
     for build in (build_mesh, build_cloud):
-        with pytest.raises(InputError, match="1 photo with depth cannot confirm"):
+        with pytest.raises(InputError, match="no more than 1 photo with depth can agree"):
             build(views, CloudSettings())
 
 

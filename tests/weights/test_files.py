@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from mvsam import weights
-from mvsam.build import MODELS
 from mvsam.errors import InputError
 from mvsam.weights import WeightsInfo, load_into, read_tensors, save
 from tests.small import random_views, small_model
@@ -128,10 +127,12 @@ def test_weights_of_another_model_say_what_does_not_fit(saved: Path):
         weights.load(str(saved))
 
 
-def test_an_unknown_name_lists_the_models_and_the_nearest():
+def test_an_unknown_name_lists_what_has_weights_and_the_nearest():
     with pytest.raises(InputError, match=r"unknown model 'tinny'\. Did you mean 'tiny'\?") as error:
         weights.load("tinny")
-    assert all(name in str(error.value) for name in MODELS)
+    assert all(name in str(error.value) for name in weights.embedded())
+    with pytest.raises(InputError, match=r"Did you mean 'tiny-nyu'"):
+        weights.load("tiny_nyu")
 
 
 def test_a_model_without_embedded_weights_says_how_to_get_some():

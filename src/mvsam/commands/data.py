@@ -213,7 +213,7 @@ def _as_text(report: SceneReport) -> str:
 
 def _verdict(report: SceneReport) -> str:
     if report.is_suspicious:
-        return "the cameras are wrong; mend them as said above."
+        return "the cameras are wrong; correct them as said above."
     if report.depth_verdict.fits:
         return "the cameras fit."
     if report.depth_verdict.agreement:

@@ -92,6 +92,11 @@ class Evaluate:
                 f"{self.data}: its first photo has no measured depth, which {self.model} reads; "
                 "choose a model of RGB views (mvsam models)."
             )
+        if not samples.has_truth():
+            raise InputError(
+                f"{self.data}: no depth or labels to score {self.model} by; name data with ground "
+                "truth."
+            )
         with progress_bar() as progress:
             task = progress.add_task(f"evaluate {self.model}", total=len(chosen))
             scores = evaluate(
@@ -101,14 +106,8 @@ class Evaluate:
                 lambda done: progress.update(task, completed=done),
                 self.precision,
             )
-        result = scores.as_json()
-        if result["rel"] is None and result["miou"] is None:
-            raise InputError(
-                f"{self.data}: no depth or labels that {self.model} could be scored by; name data "
-                "with ground truth."
-            )
         if self.json:
-            print_json(result)
+            print_json(scores.as_json())
         else:
             print_table(scores.as_table())
 

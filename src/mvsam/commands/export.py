@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from mvsam.commands.shared import load_model
+from mvsam.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Export:
     def run(self) -> None:
         from mvsam.inference.onnx import export_onnx
 
+        if self.out.suffix != f".{self.format}":
+            raise InputError(f"{self.out} must end in .{self.format}.")
         model = load_model(self.model, "cpu")
         width, height = self.size or model.input_size
         export_onnx(model, self.out, (width, height))

@@ -45,6 +45,8 @@ def report(arguments: Report) -> Path:
     path = arguments.out or arguments.folder / "report.html"
     if path.is_dir():
         raise InputError(f"{path} is a folder: give --out a file, as {path / 'report.html'}.")
+    if path.suffix not in (".html", ".htm"):
+        raise InputError(f"{path} must end in .html.")
     photos = read_photos(arguments.folder)
     writable_folder(path.parent)
     with progress_bar() as progress:

@@ -108,6 +108,11 @@ class TupleDataset(Dataset[Sample]):
     def __len__(self) -> int:
         return len(self._items)
 
+    def has_truth(self) -> bool:
+        """Whether any tuple's reference has depth or labels."""
+        references = (self.scenes[scene].frame(views[0]) for scene, views in self._items)
+        return any(frame.load_depth or frame.load_labels for frame in references)
+
     def __getitem__(self, index: int) -> Sample:
         scene_index, views = self._items[index]
         scene = self.scenes[scene_index]

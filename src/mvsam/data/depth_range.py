@@ -41,6 +41,16 @@ def estimate_depth_range(
     return USUAL[0], max(USUAL[1], farthest)
 
 
+def share_outside(
+    frames: Sequence[Frame], points: Float[np.ndarray, "point 3"], depth_range: DepthRange
+) -> float:
+    """Share of the sparse points in view whose depth the range leaves out; 0 where they are few."""
+    seen = depths_in_view(Cameras.of(frames), points)
+    if len(seen) < _FEWEST_POINTS:
+        return 0.0
+    return float(((seen < depth_range[0]) | (seen > depth_range[1])).mean())
+
+
 def depths_in_view(
     cameras: Cameras, points: Float[np.ndarray, "point 3"]
 ) -> Float[np.ndarray, " seen"]:

@@ -7,8 +7,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mvsam.data.check.report import camera_warning
-from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto
+from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, share_outside
 from mvsam.data.labels import ClassTable, classes_of_model
 from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.device import device_of
@@ -40,6 +42,8 @@ log = logging.getLogger("mvsam")
 
 LEAST_SKEW = 0.01
 """Pixels."""
+MOST_OUTSIDE = 0.25
+"""Share of the sparse points; few lie beyond a range that fits."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,10 @@ def predict_scene(
     """
     num_views = _views_for(model, num_views)
     frames = [scene.frame(index) for index in range(len(scene))]
-    depth_range = resolved_depth_range(depth_range, frames, getattr(scene, "points", None))
+    points = getattr(scene, "points", None)
+    depth_range = resolved_depth_range(depth_range, frames, points)
     warn_of_other_range(model, depth_range)
+    _warn_of_points(scene.name, frames, points, depth_range)
     all_tuples, skipped = view_tuples(scene, num_views, depth_range)
     tuples = _tuples_of(references, all_tuples, frames, scene.name)
     if references is not None:
@@ -119,7 +125,7 @@ def _views_for(model: Model, asked: int) -> int:
     if fewest_views(model) == 1:
         return 1
     if not 2 <= asked <= MOST_VIEWS:
-        raise InputError(f"{asked} views for a prediction: ask for 2 to {MOST_VIEWS}.")
+        raise InputError(f"--views {asked}: a prediction looks at 2 to {MOST_VIEWS} photos.")
     return asked
 
 
@@ -129,6 +135,18 @@ def _scores(
     """Of what lies in the folder; labels count where the scene's classes are the model's."""
     is_same = getattr(scene, "classes", classes).names == classes.names
     return score_folder(folder, scene.name, frames, len(classes) if is_same else None)
+
+
+def _warn_of_points(
+    scene: str, frames: Sequence[Frame], points: np.ndarray | None, depth_range: DepthRange
+) -> None:
+    outside = 0.0 if points is None else share_outside(frames, points, depth_range)
+    if outside > MOST_OUTSIDE:
+        log.warning(
+            "%s: %.0f %% of its sparse points lie outside %g to %g m, where no surface is sought: "
+            "give --scale where the poses have no unit, or --depth-range auto.",
+            *(scene, 100 * outside, *depth_range),
+        )
 
 
 def _warn_of_cameras(
@@ -213,9 +231,8 @@ def _tuples_of(
     names = [frame.name for frame in frames]
     for name in references:
         if name not in names:
-            close = get_close_matches(name, names, n=1)
-            hint = f" Did you mean {close[0]}?" if close else ""
-            raise InputError(f"{scene} has no photo named {name}.{hint}")
+            close = get_close_matches(name, names) or [names[0], "...", names[-1]]
+            raise InputError(f"{scene} has no photo named {name}; it has {', '.join(close)}.")
     chosen = [views for views in tuples if names[views[0]] in references]
     if not chosen:
         raise InputError(

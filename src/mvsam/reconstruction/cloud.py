@@ -140,7 +140,7 @@ def remedy(views: Sequence[DepthView], settings: CloudSettings) -> str:
     """What to do where the filters leave nothing."""
     if len(views) <= settings.minimum_consistent_views:
         return (
-            f"{counted(len(views), 'photo')} with depth cannot confirm each other, take "
+            f"no more than {counted(len(views), 'photo')} with depth can agree, take "
             f"--minimum-consistent-views {len(views) - 1}"
         )
     return "lower --minimum-confidence or --minimum-consistent-views"

@@ -114,7 +114,8 @@ def read_frames(folder: Path, read: Callable[[dict[str, Any]], Item]) -> list[It
     """
     path = folder / "transforms.json"
     if not path.is_file():
-        raise InputError(f"{folder} has no transforms.json: give the --out folder of mvsam predict")
+        missing = "has no transforms.json" if folder.is_dir() else "is no folder"
+        raise InputError(f"{folder} {missing}: give the --out folder of mvsam predict")
     try:
         return [read(frame) for frame in json.loads(path.read_text())["frames"]]
     except (ValueError, KeyError, TypeError) as error:

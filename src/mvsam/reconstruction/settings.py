@@ -15,7 +15,7 @@ class CloudSettings:
     minimum_confidence: float = 0.4
     """Depths the network is less sure of are left out, 0..1."""
     minimum_consistent_views: int = 1
-    """So many other photos must agree with a depth."""
+    """At least this many other photos must agree with a depth."""
     relative_tolerance: float = 0.03
     """Depths agree when they differ by at most this fraction."""
     neighbours: int = 6

@@ -1,6 +1,7 @@
 """Models with their weights, from and to files; names become paths."""
 
 from dataclasses import asdict
+from difflib import get_close_matches
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -77,8 +78,12 @@ def locate(name: str | Path) -> tuple[Path, Path]:
         )
     if is_hub_id(name):
         return download(name)
-    model_spec(name)  # raises, with the nearest name
-    raise AssertionError
+    close = get_close_matches(name, [*embedded(), *MODELS], n=1)
+    hint = f" Did you mean '{close[0]}'?" if close else ""
+    raise InputError(
+        f"unknown model '{name}'.{hint} With weights: {', '.join(embedded())}; or give the "
+        "path of a weights file (mvsam models lists the networks)."
+    )
 
 
 def save(
