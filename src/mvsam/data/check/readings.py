@@ -78,8 +78,17 @@ ALL_READINGS = (
     DEPTH_FROM_BESIDE,
     *TURNED_PHOTOS,
 )
-IN_ANOTHER_UNIT = tuple(
-    Reading(f"have another unit, of about {unit:g} m; give --scale", _moved(unit))
-    for unit in (0.01, 0.1, 0.2, 0.3, 0.45, 0.65, 1.5, 2.2, 3.3, 5.0, 10.0)
-)
-"""Asked of five frames or more: by one of them, few frames meet by chance."""
+UNIT_STEP = 1.5
+"""Between neighbours of the units that are tried first, about."""
+
+
+def in_unit(metres: float) -> Reading:
+    """As it would be if a unit of the poses were so long."""
+    length = f"of about {metres:.3g} m if the depth's is right"
+    return Reading(f"have another unit than the depth, {length}; give --scale", _moved(metres))
+
+
+IN_ANOTHER_UNIT = {
+    unit: in_unit(unit) for unit in (0.01, 0.1, 0.2, 0.3, 0.45, 0.65, 1.5, 2.2, 3.3, 5.0, 10.0)
+}
+"""By their length in metres. Asked of five frames or more: by one of them, few meet by chance."""
