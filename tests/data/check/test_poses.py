@@ -122,6 +122,21 @@ def test_poses_in_millimetres_are_called_not_metric(folder):
         view_tuples(PosedFolder(folder), 3, (0.1, 5.0))
 
 
+def test_photos_turned_without_their_intrinsics_are_named(folder):
+    frames = frames_of(folder)
+    turned = [replace(frame, size=frame.size[::-1]) for frame in frames]
+    hint = pose_convention_hint(turned)
+    assert hint is not None and "meant for photos of 160x120, these are 120x160" in hint
+
+
+def test_poses_in_centimetres_are_called_not_metric(folder):
+    def in_centimetres(pose: np.ndarray) -> np.ndarray:
+        return pose * np.block([[np.ones((3, 3)), np.full((3, 1), 100.0)], [np.ones((1, 4))]])
+
+    hint = pose_convention_hint(frames_of(folder, in_centimetres))
+    assert hint is not None and "look not metric" in hint
+
+
 def test_the_refusal_of_a_scene_without_overlap_names_the_convention(folder, monkeypatch):
     frames = [
         Frame(f.name, f.size, f.intrinsics, f.world_from_cam @ OPENCV_FROM_OPENGL, no_pixels)

@@ -59,6 +59,8 @@ NUM_REFERENCES = 4
 """Photos that are matched with a neighbour."""
 LEAST_MOTION = 1e-3
 """Metres."""
+OFF_CENTRE, CENTRED = 0.1, 0.05
+"""Of a photo's sides, that a principal point is from its middle."""
 MAXIMUM_FRAMES = 200
 """Of a longer scene every second, third, ... frame is looked at."""
 MARGIN = 0.06
@@ -81,9 +83,23 @@ def pose_convention_hint(
     frames = frames[::step]
     cameras = Cameras.of(frames)
     return (
-        _hint_of_units(cameras, depth_range)
+        _hint_of_turned_photos(cameras)
+        or _hint_of_units(cameras, depth_range)
         or _hint_of_overlap(cameras, depth_range)
         or _hint_of_photos(frames, cameras, depth_range)
+    )
+
+
+def _hint_of_turned_photos(cameras: Cameras) -> str | None:
+    """Principal points far from the middle, and in the middle if width and height are exchanged."""
+    centres, sizes = cameras.intrinsics[:, :2, 2], cameras.sizes
+    off, off_if_turned = (np.abs(centres / s - 0.5) for s in (sizes, sizes[:, ::-1]))
+    if np.median(off.min(axis=1)) < OFF_CENTRE or np.median(off_if_turned.max(axis=1)) > CENTRED:
+        return None
+    width, height = sizes[0].astype(int)
+    return (
+        f"the intrinsics look meant for photos of {height}x{width}, these are {width}x{height}; "
+        "turn the photos back, or give intrinsics and poses of cameras turned with them."
     )
 
 
@@ -97,7 +113,7 @@ def _hint_of_units(cameras: Cameras, depth_range: DepthRange) -> str | None:
         )
     np.fill_diagonal(distances, np.inf)
     nearest = float(np.median(distances.min(axis=1)))
-    if nearest <= 2 * depth_range[1]:
+    if nearest <= depth_range[1]:
         return None
     return (
         f"the poses look not metric, neighbouring photos are {nearest:.0f} m apart; "
