@@ -133,7 +133,7 @@ class MultiViewSAM(Model):
         Raises ValueError for a reference that is no view, for another than 0 where `views` brings a
         measured depth, which belongs to view 0, and for a single view where there is a cascade.
         """
-        if self.cascade and views.num_views < 2:
+        if self.cascade and views.images.shape[1] < 2:  # a symbol, no int, while it is exported
             raise ValueError("one view: a plane sweep needs a source beside the reference")
         if reference:
             order = views.reference_first(reference)
