@@ -179,7 +179,7 @@ def test_maps_of_poses_since_corrected_are_not_kept(tmp_path: Path, scene, out: 
 
 
 def test_fewer_than_two_views_are_refused(scene, out: Path):
-    with pytest.raises(InputError, match="--views 1: a prediction looks at 2 to 8 photos"):
+    with pytest.raises(InputError, match="1 view asked for: a prediction looks at 2 to 8"):
         predict_scene(FakeModel(), scene, out, num_views=1)
 
 

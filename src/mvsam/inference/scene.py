@@ -14,7 +14,7 @@ from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, share_outside
 from mvsam.data.labels import ClassTable, classes_of_model
 from mvsam.data.sampling import ViewTuple, view_tuples
 from mvsam.device import device_of
-from mvsam.errors import InputError
+from mvsam.errors import InputError, counted
 from mvsam.evaluation.evaluate import Scores
 from mvsam.files import write_json
 from mvsam.inference.limits import REMEMBERED_PHOTOS, count_needs, photos_within
@@ -125,7 +125,9 @@ def _views_for(model: Model, asked: int) -> int:
     if fewest_views(model) == 1:
         return 1
     if not 2 <= asked <= MOST_VIEWS:
-        raise InputError(f"--views {asked}: a prediction looks at 2 to {MOST_VIEWS} photos.")
+        raise InputError(
+            f"{counted(asked, 'view')} asked for: a prediction looks at 2 to {MOST_VIEWS}."
+        )
     return asked
 
 

@@ -17,7 +17,7 @@ from mvsam.data.check.readings import (
     GIVEN,
     IN_ANOTHER_UNIT,
     OTHER_POSES,
-    UNIT_STEP,
+    UNIT_REACH,
     UNREGISTERED,
     Reading,
     in_unit,
@@ -210,7 +210,7 @@ def _with_finer_unit(
     coarse = [unit for unit, reading in IN_ANOTHER_UNIT.items() if reading.remedy == best]
     if not coarse:
         return matches
-    units = coarse[0] * np.geomspace(1 / UNIT_STEP, UNIT_STEP, NUM_UNITS)
+    units = coarse[0] * np.geomspace(1 / UNIT_REACH, UNIT_REACH, NUM_UNITS)
     found = [_matches(views, [in_unit(unit)]) for unit in units]
     agreements = np.array([match.agreement for each in found for match in each.values()])
     fitting = np.nonzero(agreements >= agreements.max() - SMALL_MARGIN)[0]

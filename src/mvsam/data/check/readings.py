@@ -78,8 +78,9 @@ ALL_READINGS = (
     DEPTH_FROM_BESIDE,
     *TURNED_PHOTOS,
 )
-UNIT_STEP = 1.5
-"""Between neighbours of the units that are tried first, about."""
+UNIT_REACH = 1.5
+"""Factor up to which a unit is measured, around one of the few that are tried first: the latter are
+about so far apart where poses are likely to be."""
 
 
 def in_unit(metres: float) -> Reading:
