@@ -24,10 +24,11 @@ from mvsam.data.catalog import scene_folders
 from mvsam.data.dataset import TupleDataset
 from mvsam.data.formats import Poses, find_format, open_scene
 from mvsam.data.sampling import evenly_spaced, view_tuples
-from mvsam.evaluation.evaluate import SceneScores, Scores, evaluate, score_item
+from mvsam.evaluation.evaluate import SceneScores, Scores, at_truth_size, evaluate, score_item
 from mvsam.evaluation.metrics import rel_of_most_confident
 from mvsam.evaluation.protocols import PROTOCOLS, Protocol
 from mvsam.evaluation.yardsticks import MeasuredMedianDepth
+from mvsam.inference.picture_size import picture_size
 from mvsam.precision import autocast
 from mvsam.provenance import provenance
 from mvsam.types import Model, Scene, Targets, Views
@@ -53,7 +54,8 @@ def sequences(folder: Path) -> dict[str, list[Path]]:
 class SequenceSamples:
     """The samples of one sequence, at most the protocol's number of tuples in all.
 
-    part: `choose`, `report` or `all`. only_many: leave out tuples without `MANY` views.
+    size: (width, height) of the pictures that the network sees. part: `choose`, `report` or `all`.
+    only_many: leave out tuples without `MANY` views.
     """
 
     def __init__(
@@ -61,12 +63,18 @@ class SequenceSamples:
         scenes: Sequence[Scene],
         protocol: Protocol,
         num_views: int,
+        size: tuple[int, int],
         part: str = "all",
         only_many: bool = False,
         semantic_size: tuple[int, int] | None = None,
     ):
         self.data = TupleDataset(
-            scenes, num_views, protocol.size, protocol.depth_range, semantic_size=semantic_size
+            scenes,
+            num_views,
+            size,
+            protocol.depth_range,
+            semantic_size=semantic_size,
+            truth_size=protocol.truth_size,
         )
         chosen = evenly_spaced(range(len(self.data)), protocol.tuples_per_scene)
         self.chosen = [n for n in chosen if is_in(part, scenes[0].name, n)]
@@ -109,7 +117,10 @@ def run(model: Model, samples: SequenceSamples, protocol: Protocol) -> Outcome:
         if prediction.depth is None or prediction.confidence is None:
             continue
         truth = targets.depth[0]
-        depth, confidence = prediction.depth[0].float(), prediction.confidence[0].float()
+        depth, confidence = (
+            at_truth_size(values[0].float(), protocol.truth_size)
+            for values in (prediction.depth, prediction.confidence)
+        )
         valid = protocol.valid_depth(truth)
         halves.append(rel_of_most_confident(depth, confidence, truth, valid, 0.5))
     known = [half for half in halves if half is not None]
@@ -117,15 +128,30 @@ def run(model: Model, samples: SequenceSamples, protocol: Protocol) -> Outcome:
 
 
 def measure(
-    model: Model, data: Path, protocol: Protocol, part: str, poses: Poses = "given"
+    model: Model,
+    data: Path,
+    protocol: Protocol,
+    part: str,
+    poses: Poses = "given",
+    size: tuple[int, int] | None = None,
 ) -> dict:
-    """The record of a model: three views everywhere, five where there are as many."""
+    """The record of a model: three views everywhere, five where there are as many.
+
+    size: as `mvsam predict`, where it is not given.
+    """
     few, many, same_few = Scores(protocol.name), Scores(protocol.name), Scores(protocol.name)
-    constant, halves = Scores(protocol.name), {}
+    constant, halves, sizes = Scores(protocol.name), {}, {}
     for name, folders in sequences(data).items():
         scenes = [open_scene(folder, poses=poses) for folder in folders]
+        frames = [scene.frame(index) for scene in scenes for index in range(len(scene))]
+        sizes[name] = picture_size(model, frames, size)
         given = partial(
-            SequenceSamples, scenes, protocol, part=part, semantic_size=model.semantic_size
+            SequenceSamples,
+            scenes,
+            protocol,
+            size=sizes[name],
+            part=part,
+            semantic_size=model.semantic_size,
         )
         samples = given(num_views=FEW)
         if not samples.chosen:
@@ -141,6 +167,7 @@ def measure(
             same_few.scenes[name] = run(model, fewer, protocol).scores
     return {
         **few.as_json(),
+        "sizes": sizes,
         "rel_of_confident_half": halves,
         "five_views": many.as_json()["scenes"],
         "three_views_of_the_same": same_few.as_json()["scenes"],
@@ -192,12 +219,14 @@ def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
 
     labels: what nyu_labels.py wrote. refined: the record with `--poses refined`.
     """
+    sizes = {f"{width}x{height}" for width, height in record["sizes"].values()}
+    seen = f"photos at {' or '.join(sorted(sizes))}, as `mvsam predict` shows them to it"
     lines = [
         "# Results on recorded and rendered sequences",
         "",
         f"`{record['model']}` (weights {record['weights_hash']}), commit {record['commit']}, "
-        f"{record['date']}, protocol `real` (320x256, ground truth between 0.1 and 5 m, at most 24 "
-        "tuples a sequence, mean of the per-image Rel).",
+        f"{record['date']}, protocol `real` (scored at 320x256, ground truth between 0.1 and 5 m, at "
+        f"most 24 tuples a sequence, mean of the per-image Rel). The network sees {seen}.",
         "",
         *_table(record),
         "",
@@ -243,6 +272,7 @@ def main() -> None:
     parser.add_argument(
         "--poses", choices=("given", "refined"), default="given", help="as mvsam predict"
     )
+    parser.add_argument("--size", type=int, nargs=2, help="width, height; as mvsam predict")
     parser.add_argument("--part", choices=("all", "choose", "report"), default="all")
     parser.add_argument("--tuples", type=int, help="of a sequence at most; the protocol's: 24")
     parser.add_argument("--out", type=Path, help="JSON file to write")
@@ -260,7 +290,9 @@ def main() -> None:
         "part": arguments.part,
         "poses": arguments.poses,
         **provenance(),
-        **measure(model, arguments.data, protocol, arguments.part, arguments.poses),
+        **measure(
+            model, arguments.data, protocol, arguments.part, arguments.poses, arguments.size
+        ),
     }
     table = Table(*COLUMNS)
     for row in rows(record):

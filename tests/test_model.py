@@ -5,8 +5,10 @@ from typing import Any
 
 import pytest
 import torch
+import torch.nn.functional as F
 
 from mvsam.build import ASSEMBLIES, MODELS, Inputs
+from mvsam.geometry.camera import scale_intrinsics
 from mvsam.model import Features, MultiViewSAM
 from mvsam.training.losses import JointLoss
 from mvsam.types import Prediction, Views
@@ -316,3 +318,33 @@ def test_a_convolutional_decoder_is_given_no_prompt():
 def test_a_model_without_a_decoder_cannot_label_photos(evaluated):
     with pytest.raises(ValueError, match="no decoder"):
         evaluated("cas_mvsnet").segment(random_views(measured=True))
+
+
+def test_larger_pictures_serve_the_later_sweeps_alone():
+    model = small_model("tiny").eval()
+    shuffle_statistics(model)
+    model.input_size = (64, 64)
+    large = random_views(height=96, width=96)
+    images = F.interpolate(large.images[0], (64, 64), mode="bilinear", antialias=True)[None]
+    intrinsics = scale_intrinsics(large.intrinsics, 2 / 3, 2 / 3)
+    small = replace(large, images=images, intrinsics=intrinsics, measured_depth=None)
+    of_large, of_small = predict(model, large), predict(model, small)
+    assert [stage.depth.shape[-1] for stage in of_large.stages] == [16, 48, 96]
+    torch.testing.assert_close(
+        of_large.stages[0].probability, of_small.stages[0].probability, atol=1e-4, rtol=1e-3
+    )
+    assert of_large.prior is not None and of_small.prior is not None
+    torch.testing.assert_close(of_large.prior, of_small.prior, atol=1e-4, rtol=1e-3)
+    for maps in (of_large.depth, of_large.confidence, of_large.logits):
+        assert maps is not None and maps.shape[-2:] == (96, 96)
+    model.finer_sweeps = False
+    assert predict(model, large).stages[0].depth.shape[-1] == 24
+
+
+def test_larger_pictures_are_labelled_as_those_of_the_learned_size():
+    model = small_model("tiny").eval()
+    model.input_size = (64, 64)
+    large = random_views(height=96, width=96, measured=True)
+    prediction = model.segment(large)
+    assert prediction.logits is not None and prediction.logits.shape[-2:] == (96, 96)
+    assert prediction.prior is not None and prediction.prior.log_median.shape[-2:] == (16, 16)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
@@ -14,7 +15,7 @@ from mvsam.mvs.cascade import DepthCascade, combined_confidence
 from mvsam.mvs.prior import MonocularPrior
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
-from mvsam.types import DepthPrior, Model, Prediction, Views
+from mvsam.types import DepthPrior, DepthStage, Model, Prediction, Views
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,8 @@ class MultiViewSAM(Model):
     prior: not the paper's; see `mvs/prior.py`.
     prompt_passes_gradient: whether the segmentation loss reaches the depth through the prompt. The
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
+    finer_sweeps: whether pictures larger than `input_size`, with which the model learned, serve the
+    later sweeps alone, and all else sees them at `input_size`. False: all works at their size.
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
     """
 
@@ -77,6 +80,7 @@ class MultiViewSAM(Model):
         prompt: DepthPrompt | None = None,
         decoder: SemanticDecoder | ConvDecoder | None = None,
         prompt_passes_gradient: bool = True,
+        finer_sweeps: bool = False,
     ):
         super().__init__()
         self.geometry_encoder = geometry_encoder
@@ -87,6 +91,7 @@ class MultiViewSAM(Model):
         self.prompt = prompt
         self.decoder = decoder
         self.prompt_passes_gradient = prompt_passes_gradient
+        self.finer_sweeps = finer_sweeps
         self.reads_depth = prompt is not None and cascade is None
         for part, needed in PARTS_NEEDED.items():
             if getattr(self, part) is not None and any(getattr(self, n) is None for n in needed):
@@ -110,11 +115,11 @@ class MultiViewSAM(Model):
         """
         self._check(views)
         images = views.images.flatten(0, 1)
+        width, height = self._learned_size((views.width, views.height))
         semantic = self._semantic_features(views)
-        pyramid = self.geometry_encoder(images) if self.geometry_encoder else ()
-        if self.bridge is not None and semantic is not None:
-            added = self.bridge(semantic)
-            pyramid = tuple(a + b for a, b in zip(pyramid, added, strict=True))
+        pyramid = self._pyramid(_resized(images, (height, width)), semantic)
+        if (width, height) != (views.width, views.height):
+            pyramid = (*pyramid[:1], *self._pyramid(images, semantic)[1:])
 
         def per_view(x: Tensor) -> Tensor:
             return x.unflatten(0, views.images.shape[:2])
@@ -141,8 +146,7 @@ class MultiViewSAM(Model):
         prior = self._prior(features, views)
         stages = self.cascade(features.pyramid, views, prior) if self.cascade else []
         depth = stages[-1].depth if stages else None
-        size = (views.height, views.width)
-        confidence = combined_confidence(stages, size) if stages else None
+        confidence = self._confidence(stages, views) if stages else None
         logits = self._segment(features, views, depth) if self.decoder else None
         return Prediction(depth, confidence, logits, stages, prior)
 
@@ -168,11 +172,34 @@ class MultiViewSAM(Model):
         assert features.semantic is not None
         return self.prior(features.semantic[:, 0], views)
 
+    def _learned_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """(width, height) at which all but the later sweeps see pictures of a size."""
+        is_smaller = size[0] < self.input_size[0] or size[1] < self.input_size[1]
+        return size if is_smaller or not self.finer_sweeps else self.input_size
+
+    def _pyramid(
+        self, images: Float[Tensor, "image 3 height width"], semantic: Tensor | None
+    ) -> tuple[Tensor, ...]:
+        """Steps (2) and (3): coarse to fine, at the pictures' size."""
+        if self.geometry_encoder is None:
+            return ()
+        pyramid = self.geometry_encoder(images)
+        if self.bridge is None or semantic is None:
+            return pyramid
+        added = self.bridge(_resized(semantic, pyramid[0].shape[-2:]))
+        return tuple(a + b for a, b in zip(pyramid, added, strict=True))
+
     def _semantic_features(self, views: Views) -> Float[Tensor, "batch_view channel h4 w4"] | None:
         if self.semantic_encoder is None:
             return None
+        width, height = self._learned_size((views.width, views.height))
         given = views.images if views.semantic_images is None else views.semantic_images
-        return self.semantic_encoder(given.flatten(0, 1), (views.height // 4, views.width // 4))
+        return self.semantic_encoder(given.flatten(0, 1), (height // 4, width // 4))
+
+    def _confidence(self, stages: list[DepthStage], views: Views) -> Tensor:
+        width, height = self._learned_size((views.width, views.height))
+        confidence = combined_confidence(stages, (height, width))
+        return _resized(confidence[:, None], (views.height, views.width))[:, 0]
 
     def _check(self, views: Views) -> None:
         divisor = 32 if self.cascade else 4
@@ -189,12 +216,32 @@ class MultiViewSAM(Model):
 
     def _segment(self, features: Features, views: Views, depth: Tensor | None) -> Tensor:
         assert self.decoder is not None and features.semantic is not None
-        if self.prompt is None:
-            return self.decoder(features.semantic[:, 0], None).float()
-        depth = views.measured_depth if depth is None else depth
-        if depth is None:
-            raise ValueError("this model is prompted with measured depth: set views.measured_depth")
-        if not self.prompt_passes_gradient:
-            depth = depth.detach()
-        prompt = self.prompt(depth, views.depth_range)
-        return self.decoder(features.semantic[:, 0], prompt).float()
+        semantic = features.semantic[:, 0]
+        prompt = None
+        if self.prompt is not None:
+            depth = views.measured_depth if depth is None else depth
+            if depth is None:
+                raise ValueError(
+                    "this model is prompted with measured depth: set views.measured_depth"
+                )
+            if not self.prompt_passes_gradient:
+                depth = depth.detach()
+            height, width = semantic.shape[-2:]
+            prompt = self.prompt(_reduced_depth(depth, (4 * height, 4 * width)), views.depth_range)
+        logits = self.decoder(semantic, prompt).float()
+        return _resized(logits, (views.height, views.width))
+
+
+def _resized(maps: Float[Tensor, "map channel _h _w"], size: tuple[int, int]) -> Tensor:
+    """Bilinear at (height, width); where it shrinks, over all of each new pixel."""
+    if maps.shape[-2:] == size:
+        return maps
+    shrinks = maps.shape[-2] > size[0]
+    return F.interpolate(maps, size, mode="bilinear", align_corners=False, antialias=shrinks)
+
+
+def _reduced_depth(depth: Float[Tensor, "batch _h _w"], size: tuple[int, int]) -> Tensor:
+    """Nearest pixels at (height, width): no depth between two surfaces."""
+    if depth.shape[-2:] == size:
+        return depth
+    return F.interpolate(depth[:, None], size, mode="nearest-exact")[:, 0]

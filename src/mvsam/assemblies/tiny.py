@@ -78,7 +78,8 @@ def tiny_cascade(first_scores: Scoring = joint_scores) -> DepthCascade:
 def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
     """The paper's network at a size for two CPU cores, with a monocular prior on its depth.
 
-    Each source view has a vote of its own in the first sweep.
+    Each source view has a vote of its own in the first sweep; the later ones may match in larger
+    pictures than those it learned from.
     """
     return tiny_base(
         num_classes,
@@ -86,6 +87,7 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
         cascade=tiny_cascade(voted_scores),
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
+        finer_sweeps=True,
     )
 
 
@@ -109,6 +111,7 @@ def tiny_base(
     cascade: DepthCascade | None = None,
     prior: MonocularPrior | None = None,
     decoder: SemanticDecoder | None = None,
+    finer_sweeps: bool = False,
 ) -> MultiViewSAM:
     """`base` in the sizes of `tiny`; every box of Figure 3 is there and no other."""
     return MultiViewSAM(
@@ -119,6 +122,7 @@ def tiny_base(
         prior=prior,
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=decoder or tiny_decoder(num_classes),
+        finer_sweeps=finer_sweeps,
     )
 
 

@@ -66,6 +66,10 @@ class Predict:
     """Where the network runs; auto takes a GPU where there is one."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """auto: bfloat16 where the device multiplies it natively; elsewhere it would be slower."""
+    size: tuple[int, int] | None = None
+    """Width and height at which the network sees the photos, multiples of 32. Where they are not
+    given: those it was trained with, 320 256; tiny takes 480 384 of photos that have as many
+    pixels, for finer depth."""
     max_memory: float | None = None
     """GB (10^9 bytes) of RAM, on a GPU of its memory, to stay within: fewer encoded photos are then
     remembered, which takes longer and changes no result. An estimate from the shapes of all tensors
@@ -119,6 +123,7 @@ def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) 
             overwrite=arguments.overwrite,
             save_npz=arguments.save_npz,
             precision=arguments.precision,
+            size=arguments.size,
             max_memory=_bytes(arguments.max_memory),
             arguments=json.loads(json.dumps(asdict(arguments), default=str)),
             on_photo=lambda done, total, _: progress.update(task, completed=done, total=total),

@@ -176,7 +176,7 @@ def score_item(
     labels, logits = prediction.labels, prediction.logits
     label_scores = None
     if labels is not None and logits is not None:
-        predicted = _nearest(labels[item], protocol.truth_size)
+        predicted = at_truth_size(labels[item], protocol.truth_size)
         label_scores = ConfusionMatrix.of_labels(predicted, targets.labels[item], logits.shape[1])
     return SceneScores(1, labels=label_scores, **_score_depth(prediction, targets, item, protocol))
 
@@ -187,15 +187,15 @@ def _score_depth(prediction: Prediction, targets: Targets, item: int, protocol: 
         return {}
     truth = targets.depth[item]
     valid = protocol.valid_depth(truth)
-    depth = protocol.compared_depth(_nearest(prediction.depth[item], protocol.truth_size).float())
+    depth = protocol.compared_depth(at_truth_size(prediction.depth[item], protocol.truth_size).float())
     scores = {"depth": DepthMetrics.of_image(depth, truth, valid)}
     if prediction.confidence is None:
         return scores
-    confidence = _nearest(prediction.confidence[item], protocol.truth_size).float()
+    confidence = at_truth_size(prediction.confidence[item], protocol.truth_size).float()
     return scores | {"confidence": Sparsification.of_image(depth, confidence, truth, valid)}
 
 
-def _nearest(
+def at_truth_size(
     values: Shaped[Tensor, "height width"], size: Size
 ) -> Shaped[Tensor, "new_height new_width"]:
     """Each new pixel's value is that of the old pixel which holds its centre."""

@@ -15,7 +15,7 @@ class Protocol:
 
     name: str
     size: Size = (320, 256)
-    """Of the pictures that the network sees: area-resized, no crop."""
+    """Of the pictures that the network sees, area-resized, no crop, unless others are asked for."""
     depth_range: tuple[float, float] = (0.1, 5.0)
     """Metres; ground truth outside is left out of the depth scores."""
     includes_bounds: bool = True

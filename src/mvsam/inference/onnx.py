@@ -16,16 +16,14 @@ from torch import Tensor, nn
 from mvsam.build import Inputs, model_spec
 from mvsam.convolution import fold_batch_norm
 from mvsam.data.labels import SCANNET20
-from mvsam.errors import InputError, MissingExtraError
+from mvsam.errors import MissingExtraError
 from mvsam.files import write_whole
 from mvsam.inference.photos import MOST_VIEWS
+from mvsam.inference.picture_size import check_size
 from mvsam.types import Model, Views
 
 OPSET = 18
 """The first with antialiased resizing, which SAM's input needs."""
-
-SIDE_STEP = 32
-"""Pixels; sides of pictures must be multiples of it."""
 
 PER_VIEW = {"images", "intrinsics", "world_from_cam", "semantic_images"}
 """Fields of `Views` whose second axis is the view."""
@@ -40,7 +38,7 @@ def export_onnx(model: Model, path: Path, size: tuple[int, int] | None = None) -
     """
     _require_libraries()
     size = size or model.input_size
-    _check_size(size)
+    check_size(size)
     inputs = _example_inputs(model, size)
     program = _onnx_program(_Graph(model), inputs)
     graph = program.model.graph
@@ -56,14 +54,6 @@ def _require_libraries() -> None:
         import onnxscript  # noqa: F401
     except ModuleNotFoundError as error:
         raise MissingExtraError("ONNX export", error.name or "onnxscript", "export") from error
-
-
-def _check_size(size: tuple[int, int]) -> None:
-    if any(side <= 0 or side % SIDE_STEP for side in size):
-        raise InputError(
-            f"size {size[0]} {size[1]} does not fit the network: give a width and a height that "
-            f"are multiples of {SIDE_STEP}, as 320 256."
-        )
 
 
 class _Graph(nn.Module):

@@ -21,6 +21,7 @@ from mvsam.data.refined import refined_poses
 from mvsam.errors import InputError, counted
 from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.inference.outputs import PhotoPrediction
+from mvsam.inference.picture_size import picture_size
 from mvsam.inference.session import Session
 from mvsam.precision import Precision
 from mvsam.types import Frame, Model
@@ -39,6 +40,7 @@ def predict(
     depth_range: DepthRangeOrAuto = (0.1, 5.0),
     references: Sequence[int] | None = None,
     precision: Precision = "auto",
+    size: tuple[int, int] | None = None,
 ) -> list[PhotoPrediction]:
     """Depth, confidence and labels of each reference, at its photo's own size.
 
@@ -48,7 +50,8 @@ def predict(
     `depth_range` is (nearest, farthest) in metres, or "auto": an estimate from the poses
     (`data.depth_range`). `references` are indices of photos; all by
     default. Each reference is seen together with all other photos. `precision` auto takes bfloat16
-    where the processor or the GPU multiplies it natively.
+    where the processor or the GPU multiplies it natively. `size` is the (width, height) at which
+    the network sees the photos, multiples of 32; None: `picture_size`.
 
     Returns one `PhotoPrediction` a reference: `depth` H x W float32 metres, `confidence` H x W
     float32 in 0..1, `labels` H x W uint8; None for what the model does not predict. Warns in the
@@ -76,7 +79,8 @@ def predict(
     # The reference comes first: a measured depth belongs to view 0.
     tuples = [[frames[r], *frames[:r], *frames[r + 1 :]] for r in chosen]
     check_measured_depth(model, [views[0] for views in tuples])
-    with Session(model, depth_range, precision=precision) as session:
+    size = picture_size(model, frames, size)
+    with Session(model, depth_range, precision=precision, size=size) as session:
         return list(session.predict_all(tuples))
 
 

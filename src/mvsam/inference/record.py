@@ -20,7 +20,7 @@ from mvsam.types import Frame, Model
 
 IDENTITY = (
     *("scene", "cameras_hash", "model", "weights_hash", "values_hash", "num_views"),
-    *("depth_range", "tuples_hash", "precision"),
+    *("depth_range", "size", "tuples_hash", "precision"),
 )
 """Keys in which two runs must agree to share a folder."""
 _HASHED = {
@@ -38,6 +38,7 @@ def describe_run(
     num_views: int,
     tuples: Sequence[ViewTuple],
     depth_range: tuple[float, float],
+    size: tuple[int, int],
     precision: Precision,
     arguments: dict[str, Any] | None,
 ) -> dict[str, Any]:
@@ -52,6 +53,7 @@ def describe_run(
         "num_views": num_views,
         "tuples_hash": hash_of_tuples(tuples),
         "depth_range": list(depth_range),
+        "size": list(size),
         "precision": resolve(precision, device_of(model).type),
         "arguments": arguments or {},
         "versions": versions(),

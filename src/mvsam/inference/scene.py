@@ -26,6 +26,7 @@ from mvsam.inference.photos import (
     resolved_depth_range,
     warn_of_other_range,
 )
+from mvsam.inference.picture_size import picture_size
 from mvsam.inference.record import (
     check_same_run,
     describe_cost,
@@ -69,6 +70,7 @@ def predict_scene(
     overwrite: bool = False,
     save_npz: bool = False,
     precision: Precision = "auto",
+    size: tuple[int, int] | None = None,
     max_memory: int | None = None,
     arguments: dict[str, Any] | None = None,
     on_photo: Callable[[int, int, str], None] = lambda done, total, name: None,
@@ -80,6 +82,7 @@ def predict_scene(
     "auto": an estimate from the scene's sparse points (`scene.points`, where it has them) or its
     poses. Photos that are done are kept unless `overwrite`. `save_npz` adds float32 depth.
     `precision` auto takes bfloat16 where the processor or the GPU multiplies it natively.
+    `size` is the (width, height) at which the network sees photos; None: `picture_size`.
     `max_memory` are the bytes this process may come to hold where the model is (RAM or GPU); with
     less, fewer photos are remembered, so it takes longer. It is an estimate (`limits.count_needs`),
     not a guarantee. `arguments` are recorded in `run.json` as they are.
@@ -101,14 +104,15 @@ def predict_scene(
     _warn_of_cameras(scene.name, frames, skipped, depth_range)
     chosen = [frames[views[0]] for views in tuples]
     check_measured_depth(model, chosen)
-    remembered_photos = _photos_within(max_memory, model, frames, num_views)
+    size = picture_size(model, frames, size)
+    remembered_photos = _photos_within(max_memory, model, size, frames, num_views)
     folder = OutputFolder(Path(out))
     run = describe_run(
-        model, scene.name, frames, num_views, all_tuples, depth_range, precision, arguments
+        model, scene.name, frames, num_views, all_tuples, depth_range, size, precision, arguments
     )
     _prepare(folder, run, chosen, overwrite, save_npz)
     folder.remove_partial()
-    with Session(model, depth_range, remembered_photos, precision) as session:
+    with Session(model, depth_range, remembered_photos, precision, size) as session:
         work = _Work(session, frames, folder, run, save_npz)
         try:
             work.predict_all(tuples, on_photo)
@@ -215,12 +219,18 @@ class _Work:
         write_json(self.folder.path / "run.json", self.run | {"kinds": self.folder.kinds} | cost)
 
 
-def _photos_within(limit: int | None, model: Model, frames: Sequence[Frame], num_views: int) -> int:
+def _photos_within(
+    limit: int | None,
+    model: Model,
+    size: tuple[int, int],
+    frames: Sequence[Frame],
+    num_views: int,
+) -> int:
     """How many encoded photos to remember; InputError where even the fewest are too many."""
     if limit is None:
         return REMEMBERED_PHOTOS
     largest = max(width * height for width, height in (frame.size for frame in frames))
-    needs = count_needs(model, model.input_size, num_views, largest)
+    needs = count_needs(model, size, num_views, largest)
     return photos_within(limit, memory_in_use(device_of(model).type), needs, num_views)
 
 

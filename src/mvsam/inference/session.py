@@ -54,6 +54,7 @@ class Session:
     """Runs a model on tuples of frames, remembering the photos it saw last.
 
     A model with `encode` and `decode` encodes each photo once; any other is called as a whole.
+    `size` (width, height) is what it sees photos at; None: `model.input_size`.
     Frames are told apart by name. The model stays as it was; weights that change later do not count
     here (`fold_batch_norm`). As a context manager a session ends its reading thread.
     """
@@ -64,11 +65,12 @@ class Session:
         depth_range: tuple[float, float],
         remembered_photos: int = REMEMBERED_PHOTOS,
         precision: Precision = "auto",
+        size: tuple[int, int] | None = None,
     ):
         self.model = fold_batch_norm(model)
         self.depth_range = depth_range
         self.precision: Precision = precision
-        self.size: tuple[int, int] = model.input_size
+        self.size = size or model.input_size
         self.device = device_of(model)
         self.can_encode = hasattr(model, "encode") and hasattr(model, "decode")
         self.stopwatch = Stopwatch()
