@@ -225,8 +225,8 @@ def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
         "# Results on recorded and rendered sequences",
         "",
         f"`{record['model']}` (weights {record['weights_hash']}), commit {record['commit']}, "
-        f"{record['date']}, protocol `real` (scored at 320x256, ground truth between 0.1 and 5 m, at "
-        f"most 24 tuples a sequence, mean of the per-image Rel). The network sees {seen}.",
+        f"{record['date']}, protocol `real` (scored at 320x256, ground truth between 0.1 and 5 m, "
+        f"at most 24 tuples a sequence, mean of the per-image Rel). The network sees {seen}.",
         "",
         *_table(record),
         "",
@@ -290,9 +290,7 @@ def main() -> None:
         "part": arguments.part,
         "poses": arguments.poses,
         **provenance(),
-        **measure(
-            model, arguments.data, protocol, arguments.part, arguments.poses, arguments.size
-        ),
+        **measure(model, arguments.data, protocol, arguments.part, arguments.poses, arguments.size),
     }
     table = Table(*COLUMNS)
     for row in rows(record):

@@ -2,6 +2,8 @@
 
     python benchmarks/rooms.py tiny --data rooms:val --limit 100 --out results/rooms_val.json
 
+Rooms are rendered at 320x256, the size at which the network sees them then, or with `--photos` at
+another, of which it sees what `mvsam predict` shows it (`picture_size`); scores stay at 320x256.
 The constants are the median depth and the most frequent label of the very tuples that are scored:
 the best that an answer without looking can do.
 """
@@ -27,6 +29,7 @@ from mvsam.evaluation.yardsticks import (
     majority_label,
     median_depth,
 )
+from mvsam.inference.picture_size import picture_size
 from mvsam.provenance import provenance
 from mvsam.weights import load
 
@@ -48,11 +51,20 @@ def main() -> None:
     parser.add_argument("--data", default="rooms:val")
     parser.add_argument("--limit", type=int, help="at most so many tuples, evenly spaced")
     parser.add_argument("--views", type=int, default=3)
+    parser.add_argument(
+        "--photos", type=int, nargs=2, default=(320, 256), help="width and height of the rooms'"
+    )
     parser.add_argument("--out", type=Path, help="JSON file to write")
     arguments = parser.parse_args()
     protocol = PROTOCOLS["paper"]
-    data = TupleDataset(open_data(arguments.data), arguments.views, protocol.size)
-    samples = Tuples(data, arguments.limit)
+    models = {name: load(name) for name in arguments.models}
+    rooms = open_data(arguments.data, room_size=tuple(arguments.photos), cache="cache/rooms")
+
+    def samples_at(size: tuple[int, int]) -> Tuples:
+        data = TupleDataset(rooms, arguments.views, size, truth_size=protocol.truth_size)
+        return Tuples(data, arguments.limit)
+
+    samples = samples_at(protocol.size)
     depth = median_depth((targets for _, _, targets in samples), protocol)
     label = majority_label(targets for _, _, targets in samples)
     if depth is None or label is None:
@@ -62,9 +74,10 @@ def main() -> None:
         "majority label": MajorityLabel(label),
     }
     scores = {name: evaluate(answer, samples, protocol) for name, answer in constants.items()}
-    scores |= {
-        name: evaluate(load(name), samples, protocol, precision="auto") for name in arguments.models
-    }
+    for name, model in models.items():
+        size = picture_size(model, [rooms[0].frame(0)])
+        seen = samples if size == protocol.size else samples_at(size)
+        scores[name] = evaluate(model, seen, protocol, precision="auto")
     totals = {
         name: {k: v for k, v in result.as_json().items() if k != "scenes"}
         for name, result in scores.items()
@@ -74,6 +87,7 @@ def main() -> None:
         record = {
             "data": arguments.data,
             "num_views": arguments.views,
+            "photos": arguments.photos,
             **provenance(),
             "scores": totals,
         }

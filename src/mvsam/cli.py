@@ -56,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     wants_traceback = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
-    _show_warnings()
+    _show_messages()
     try:
         _run_and_flush(arguments)
     except BrokenPipeError:
@@ -119,17 +119,19 @@ def _complain(sentence: str) -> None:
     print(f"error: {sentence}", file=sys.stderr)
 
 
-class _Warnings(logging.Handler):
+class _Messages(logging.Handler):
     """Prints to the stderr of the moment, which a progress bar replaces."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(f"warning: {record.getMessage()}", file=sys.stderr)
+        kind = "warning: " if record.levelno >= logging.WARNING else ""
+        print(f"{kind}{record.getMessage()}", file=sys.stderr)
 
 
-def _show_warnings() -> None:
+def _show_messages() -> None:
     log = logging.getLogger("mvsam")
-    if not any(isinstance(handler, _Warnings) for handler in log.handlers):
-        log.addHandler(_Warnings())
+    log.setLevel(logging.INFO)
+    if not any(isinstance(handler, _Messages) for handler in log.handlers):
+        log.addHandler(_Messages())
 
 
 if __name__ == "__main__":

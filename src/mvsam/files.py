@@ -103,6 +103,10 @@ def writable_folder(folder: Path) -> Path:
             folder.mkdir(parents=True, exist_ok=True)
             probe.touch()
             probe.unlink(missing_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise InputError(
+            f"output folder {folder} lies at or below a file of that name: choose another --out."
+        ) from error
     except OSError as error:
         raise InputError(
             f"output folder {folder} is not writable ({error.strerror}): "

@@ -255,7 +255,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_fragments(scene, out: Path, m
 
 def test_an_output_folder_that_cannot_be_written_is_named(scene, tmp_path: Path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(InputError, match=r"output folder .*file/out is not writable"):
+    with pytest.raises(InputError, match=r"output folder .*file/out lies at or below a file"):
         predict_scene(FakeModel(), scene, tmp_path / "file/out")
 
 

@@ -183,8 +183,10 @@ def _as_text(report: SceneReport) -> str:
     lost = f", {report.num_lost} more without a pose" if report.num_lost else ""
     lines = [f"{report.name}: {counted(report.num_frames, 'photo')} of {sizes}{lost}"]
     if report.baselines:
+        unit = "m" if report.has_unit else "units of the model"
         lines.append(
-            "  nearest camera   {:.2f} / {:.2f} / {:.2f} m away, ".format(*report.baselines)
+            "  nearest camera   {:.2f} / {:.2f} / {:.2f} ".format(*report.baselines)
+            + f"{unit} away, "
             + "{:.0f} / {:.0f} / {:.0f} degrees turned (least / median / most)".format(
                 *report.turns
             )

@@ -1,5 +1,6 @@
 """Which reader opens a scene: found from the files in the folder, or named."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,8 @@ from mvsam.errors import InputError
 from mvsam.types import Scene
 
 Poses = Literal["given", "refined", "colmap"]
+
+log = logging.getLogger("mvsam")
 
 
 @dataclass(frozen=True)
@@ -69,10 +72,8 @@ def open_scene(
     if poses == "colmap":
         path, format = pose_photos(path), format or "colmap"
     if not path.is_dir():
-        is_file = "this is a file, not" if path.exists() else "there is no such folder as"
-        raise InputError(
-            f"{path}: {is_file} a scene; give the path of a scene's folder{_advice(path)}."
-        )
+        found = "this is a file, not a scene" if path.exists() else "there is no such folder"
+        raise InputError(f"{path}: {found}; give the path of a scene's folder{_advice(path)}.")
     name = format or find_format(path)
     if name is None:
         raise InputError(
@@ -88,6 +89,12 @@ def open_scene(
             "folder depth/ away."
         )
     scene = in_metres(scene, parsed_scale)
+    if not getattr(scene, "has_unit", True):
+        log.warning(
+            "%s: a COLMAP model has no unit, so its scale is unknown; depths are metric only if it "
+            "was aligned, or with --scale, metres a unit or between the cameras of two photos.",
+            path,
+        )
     return RefinedScene(scene) if poses == "refined" else scene
 
 

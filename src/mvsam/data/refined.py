@@ -97,7 +97,7 @@ def _pairs_apart(
     name: str, frames: Sequence[Frame], given: Float[Tensor, "view 4 4"]
 ) -> list[Matches]:
     """Of photos that match and are not at one place; a message says why there are none."""
-    log.warning("%s: COLMAP matches the features of %d photos.", name, len(frames))
+    log.info("%s: COLMAP matches the features of %d photos.", name, len(frames))
     matched = _matches(name, frames)
     pairs = [
         pair
@@ -124,7 +124,7 @@ def _fitted(
     distances = epipolar_distances(given, pairs)
     before = torch.cat(distances).median().item() / pixel
     if _worst_camera(distances, pairs) <= GOOD_ENOUGH * pixel:
-        log.warning(
+        log.info(
             "%s: its cameras fit its photos (features are %.1f pixels from their epipolar lines) "
             "and stay as given.",
             name, before,
@@ -142,7 +142,7 @@ def _fitted(
     moved = sorted({index for pair in pairs for index in (pair.first, pair.second)})
     degrees, metres = _way(given[moved], poses[moved])
     others = len(given) - len(moved)
-    log.warning(
+    log.info(
         "%s: its photos turned the cameras by %.2f degrees and moved them by %.1f cm (medians); "
         "features are %.1f pixels from their epipolar lines, %.1f before%s.",
         name, degrees, 100 * metres, after, before,

@@ -68,7 +68,7 @@ def in_metres(scene: Scene, scale: float | Baseline) -> Scene:
     """The scene with poses in metres; a message says how long a unit is by a measured distance."""
     if isinstance(scale, Baseline):
         metres = scale.metres_a_unit(scene)
-        log.warning(
+        log.info(
             "%s: one unit of the poses is %.4g m, because the cameras of %s and %s are %g m apart.",
             scene.name, metres, scale.first, scale.second, scale.metres,
         )  # fmt: skip
@@ -98,6 +98,7 @@ class ScaledScene(WrappedScene):
             raise InputError(f"a scale of {scale:g} metres a unit is not possible; give > 0.")
         super().__init__(scene)
         self._scale = scale
+        self.has_unit = True
         self.points = None if self.points is None else self.points * scale
 
     def frame(self, index: int) -> Frame:

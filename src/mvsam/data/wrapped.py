@@ -16,7 +16,7 @@ class WrappedScene:
     """The same scene; subclasses change one thing.
 
     points: sparse points of its surfaces in world axes, point x 3, where its format has some.
-    num_lost: pictures of it that have no pose.
+    num_lost: pictures of it that have no pose. has_unit: whether its poses are in metres.
     """
 
     def __init__(self, scene: Scene):
@@ -24,6 +24,7 @@ class WrappedScene:
         self.classes: ClassTable = getattr(scene, "classes", SCANNET20)
         self.points: np.ndarray | None = getattr(scene, "points", None)
         self.num_lost: int = getattr(scene, "num_lost", 0)
+        self.has_unit: bool = getattr(scene, "has_unit", True)
 
     @property
     def name(self) -> str:

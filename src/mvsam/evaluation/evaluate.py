@@ -187,7 +187,9 @@ def _score_depth(prediction: Prediction, targets: Targets, item: int, protocol: 
         return {}
     truth = targets.depth[item]
     valid = protocol.valid_depth(truth)
-    depth = protocol.compared_depth(at_truth_size(prediction.depth[item], protocol.truth_size).float())
+    depth = protocol.compared_depth(
+        at_truth_size(prediction.depth[item], protocol.truth_size).float()
+    )
     scores = {"depth": DepthMetrics.of_image(depth, truth, valid)}
     if prediction.confidence is None:
         return scores

@@ -46,7 +46,7 @@ class SafeStop(Callback):
         if self.is_asked:
             raise KeyboardInterrupt
         self.is_asked = True
-        log.warning("stops after this step; Ctrl-C again stops at once.")
+        log.info("stops after this step; Ctrl-C again stops at once.")
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         self._first_step = trainer.global_step
@@ -77,7 +77,7 @@ class SafeStop(Callback):
             log.warning("step %d could not be saved: %s", step, error)
             return
         if trainer.is_global_zero:
-            log.warning("%s holds step %d; the same command goes on from there.", self.path, step)
+            log.info("%s holds step %d; the same command goes on from there.", self.path, step)
 
 
 @contextmanager

@@ -1,6 +1,8 @@
 """Photos and videos without poses: COLMAP finds some, or the sentence says why not."""
 
+import os
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +47,11 @@ def test_colmap_finds_the_poses_of_photos_up_to_scale(tmp_path, caplog):
     assert ratios.max() / ratios.min() < 1.5, "five small photos; the shape is right, not exact"
     caplog.clear()
     assert len(open_scene(tmp_path / "photos", poses="colmap")) == 5
-    assert "has a COLMAP model already" in caplog.text
+    assert "has a COLMAP model already" in caplog.text and "newer" not in caplog.text
+    os.utime(tmp_path / "photos/0003.png", (time.time() + 60, time.time() + 60))
+    assert len(open_scene(tmp_path / "photos", scale=0.3, poses="colmap")) == 5
+    assert "0003.png is newer than its COLMAP model" in caplog.text
+    assert caplog.text.count("scale is unknown") == 1
 
 
 def test_a_bad_first_pair_of_few_photos_gets_another_chance(tmp_path, monkeypatch):
@@ -88,7 +94,7 @@ def test_photos_that_share_nothing_are_refused_and_leave_no_model(tmp_path):
         Image.new("RGB", (64, 48), (40 * index, 0, 0)).save(tmp_path / f"{index}.png")
     with pytest.raises(InputError, match="COLMAP finds no poses"):
         open_scene(tmp_path, poses="colmap")
-    assert not list((tmp_path / "sparse").iterdir())
+    assert not (tmp_path / "sparse").exists()
 
 
 def test_a_video_is_thinned_to_two_pictures_a_second(tmp_path):

@@ -23,12 +23,14 @@ class SceneReport:
 
     name: str
     num_frames: int
+    has_unit: bool
+    """Whether the poses are in metres; those of a COLMAP model are in a unit of its own."""
     num_lost: int
     """Pictures that have no pose, because tracking was lost, say; they are left out."""
     sizes: list[tuple[int, int]]
     """(width, height) of the photos, each that occurs."""
     baselines: list[float]
-    """Metres to the nearest other camera: least, median, most."""
+    """Metres, or units, to the nearest other camera: least, median, most."""
     turns: list[float]
     """Degrees between the optical axes of those two: least, median, most."""
     num_depth: int
@@ -99,6 +101,7 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
     return SceneReport(
         name=scene.name,
         num_frames=len(frames),
+        has_unit=getattr(scene, "has_unit", True),
         num_lost=getattr(scene, "num_lost", 0),
         sizes=sorted({frame.size for frame in frames}),
         baselines=baselines,

@@ -77,16 +77,13 @@ def open_colmap(path: Path) -> Scene:
     ]
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
     num_lost = len(model.images) - len(images)
-    scene = ListedScene(path.resolve().name, frames, points=points, num_lost=num_lost)
+    scene = ListedScene(
+        path.resolve().name, frames, points=points, num_lost=num_lost, has_unit=False
+    )
     scale = metres_a_unit(model, images, depths)
     if scale is None:
-        log.warning(
-            "%s: a COLMAP model has no unit, so its scale is unknown; depths are metric only if it "
-            "was aligned, or with --scale, metres a unit or between the cameras of two photos.",
-            path,
-        )
         return scene
-    log.warning("%s: one unit of the model is %.4g m by the measured depth.", path, scale)
+    log.info("%s: one unit of the model is %.4g m by the measured depth.", path, scale)
     return ScaledScene(scene, scale)
 
 

@@ -88,7 +88,7 @@ def _pictures(path: Path, shots: Shots) -> dict[int, Path]:
         return found
     if not video.is_file():
         raise InputError(f"{path}: neither Frames.m4v nor a folder frames/ with pictures is there.")
-    log.warning("%s: %s decoded into %s.", video, counted(len(kept), "keyframe"), path / "frames")
+    log.info("%s: %s decoded into %s.", video, counted(len(kept), "keyframe"), path / "frames")
     return extract_frames(video, path / "frames", kept.__contains__, end=max(kept) + 1)
 
 

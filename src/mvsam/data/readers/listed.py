@@ -23,7 +23,8 @@ class ListedScene:
 
     points: sparse points of the surfaces in world axes, in the unit of the poses.
     num_lost: pictures that are left out for want of a pose; a message says so.
-    has_poses: whether the frames' poses mean anything.
+    has_poses: whether the frames' poses mean anything. has_unit: whether they are in metres; a
+    COLMAP model's unit is arbitrary.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class ListedScene:
         points: Float[np.ndarray, "point 3"] | None = None,
         num_lost: int = 0,
         has_poses: bool = True,
+        has_unit: bool = True,
     ):
         if not frames:
             raise InputError(f"{name}: no frame with a picture and a pose was found there.")
@@ -53,6 +55,7 @@ class ListedScene:
         self.points = points
         self.num_lost = num_lost
         self.has_poses = has_poses
+        self.has_unit = has_unit
         self._frames = list(frames)
         self._views = views
 

@@ -52,7 +52,7 @@ def open_nerfstudio(path: Path) -> ListedScene:
     _check_one_size(file, content, entries, frames)
     bent = sum(not _distortion({**content, **entry}, str(file)).is_none for entry in entries)
     if bent:
-        log.warning("%s: %s undistorted while read.", file, counted(bent, "picture"))
+        log.info("%s: %s undistorted while read.", file, counted(bent, "picture"))
     return ListedScene(path.resolve().name, frames, classes=classes)
 
 

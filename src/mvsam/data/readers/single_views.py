@@ -47,7 +47,7 @@ class SingleViews(Sequence[Scene]):
         self._intrinsics = read_intrinsics(path, self._sizes)
         self._depth = list_maps(path, "depth", self._sizes)
         self._labels = list_maps(path, "label", self._sizes)
-        log.warning("%s: has no poses/; %s taken alone.", path, counted(len(self._chosen), "photo"))
+        log.info("%s: has no poses/; %s taken alone.", path, counted(len(self._chosen), "photo"))
 
     def __len__(self) -> int:
         return len(self._chosen)

@@ -29,7 +29,7 @@ def pose_photos(path: Path) -> Path:
     """The folder with `sparse/0` that COLMAP made of a folder of photos, or of a video.
 
     A video's frames, two a second, go to a folder of its name beside it. A model that is there
-    already is kept. Raises `InputError` where COLMAP finds no poses.
+    already is kept; a message names what it lacks. Raises `InputError` where COLMAP finds no poses.
     """
     folder = path
     if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file():
@@ -37,14 +37,36 @@ def pose_photos(path: Path) -> Path:
         if not is_colmap(folder):
             thinned_frames(path, folder / "images")
     if is_colmap(folder):
-        log.warning("%s: has a COLMAP model already; that is taken.", folder)
+        log.info("%s: has a COLMAP model already; that is taken.", folder)
+        _warn_of_newer(path, folder)
         return folder
     photos = photo_folder(folder)
     if photos is None:
         raise InputError(f"{path}: neither photos nor a video; give a folder of .jpg or .png.")
-    writable_folder(folder / "sparse")
-    _reconstruct(photos, folder / "sparse" / "0")
+    models = writable_folder(folder / "sparse")
+    try:
+        _reconstruct(photos, models / "0")
+    finally:
+        if not any(models.iterdir()):
+            models.rmdir()
     return folder
+
+
+def _warn_of_newer(path: Path, folder: Path) -> None:
+    """Where a video, or some photos, came or changed after the model in `folder` was made."""
+    made = max((file.stat().st_mtime for file in (folder / "sparse").rglob("*")), default=None)
+    if made is None:
+        return
+    photos = photo_folder(folder)
+    files = _photos(photos) if path == folder and photos else [path]
+    newer = [file.name for file in files if file.stat().st_mtime > made]
+    if newer:
+        log.warning(
+            "%s: %s newer than its COLMAP model; to have COLMAP seek poses again, move %s away.",
+            folder,
+            f"{newer[0]} is" if len(newer) == 1 else f"{len(newer)} photos are",
+            folder / "sparse" if path == folder else folder,
+        )
 
 
 def photo_folder(path: Path) -> Path | None:
@@ -64,7 +86,7 @@ def _reconstruct(photos: Path, model: Path) -> None:
             f"{photos}: {counted(len(files), 'photo')}, too few for COLMAP; take 3 or more."
         )
     pycolmap = import_pycolmap()
-    log.warning("%s: COLMAP seeks the poses of %d photos.", photos, len(files))
+    log.info("%s: COLMAP seeks the poses of %d photos.", photos, len(files))
     with tempfile.TemporaryDirectory(dir=model.parent) as work:
         num_posed, best = 0, Path()
         for seed in range(TRIES if len(files) <= FEW_PHOTOS else 1):
@@ -101,7 +123,7 @@ def _largest_model(
 
 def _map(pycolmap: Any, photos: Path, files: list[Path], work: Path, seed: int) -> dict:
     """Number of each model, which lies in `work/NUMBER` -> the model."""
-    pycolmap.logging.minloglevel = 2  # errors only
+    pycolmap.logging.minloglevel = 3  # its errors are told below
     pycolmap.set_random_seed(seed)
     database = work / "database.db"
     one_camera = len({check_photo(file) for file in files}) == 1
