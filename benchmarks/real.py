@@ -28,7 +28,6 @@ from mvsam.evaluation.evaluate import SceneScores, Scores, at_truth_size, evalua
 from mvsam.evaluation.metrics import rel_of_most_confident
 from mvsam.evaluation.protocols import PROTOCOLS, Protocol
 from mvsam.evaluation.yardsticks import MeasuredMedianDepth
-from mvsam.inference.picture_size import picture_size
 from mvsam.precision import autocast
 from mvsam.provenance import provenance
 from mvsam.types import Model, Scene, Targets, Views
@@ -137,19 +136,17 @@ def measure(
 ) -> dict:
     """The record of a model: three views everywhere, five where there are as many.
 
-    size: as `mvsam predict`, where it is not given.
+    size: (width, height) at which the network sees photos; None: the protocol's.
     """
     few, many, same_few = Scores(protocol.name), Scores(protocol.name), Scores(protocol.name)
-    constant, halves, sizes = Scores(protocol.name), {}, {}
+    constant, halves = Scores(protocol.name), {}
     for name, folders in sequences(data).items():
         scenes = [open_scene(folder, poses=poses) for folder in folders]
-        frames = [scene.frame(index) for scene in scenes for index in range(len(scene))]
-        sizes[name] = picture_size(model, frames, size)
         given = partial(
             SequenceSamples,
             scenes,
             protocol,
-            size=sizes[name],
+            size=size or protocol.size,
             part=part,
             semantic_size=model.semantic_size,
         )
@@ -158,7 +155,8 @@ def measure(
             continue
         outcome = run(model, samples, protocol)
         few.scenes[name], halves[name] = outcome.scores, outcome.confident_half
-        named = ((name, *sample) for sample in samples)
+        seen_as_scored = SequenceSamples(scenes, protocol, FEW, protocol.size, part)
+        named = ((name, *sample) for sample in seen_as_scored)
         constant += evaluate(MeasuredMedianDepth(protocol), named, protocol)
         more = given(num_views=MANY, only_many=True)
         if more.chosen:
@@ -167,7 +165,6 @@ def measure(
             same_few.scenes[name] = run(model, fewer, protocol).scores
     return {
         **few.as_json(),
-        "sizes": sizes,
         "rel_of_confident_half": halves,
         "five_views": many.as_json()["scenes"],
         "three_views_of_the_same": same_few.as_json()["scenes"],
@@ -214,19 +211,20 @@ def rows(record: dict) -> list[list[str]]:
     return found
 
 
-def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
+def page(
+    record: dict, labels: dict | None, refined: dict | None = None, larger: dict | None = None
+) -> str:
     """The same in Markdown, with what made it.
 
-    labels: what nyu_labels.py wrote. refined: the record with `--poses refined`.
+    labels: what nyu_labels.py wrote. refined: the record with `--poses refined`. larger: that with
+    `--size` as well.
     """
-    sizes = {f"{width}x{height}" for width, height in record["sizes"].values()}
-    seen = f"photos at {' or '.join(sorted(sizes))}, as `mvsam predict` shows them to it"
     lines = [
         "# Results on recorded and rendered sequences",
         "",
         f"`{record['model']}` (weights {record['weights_hash']}), commit {record['commit']}, "
-        f"{record['date']}, protocol `real` (scored at 320x256, ground truth between 0.1 and 5 m, "
-        f"at most 24 tuples a sequence, mean of the per-image Rel). The network sees {seen}.",
+        f"{record['date']}, protocol `real` (320x256, ground truth between 0.1 and 5 m, at most 24 "
+        "tuples a sequence, mean of the per-image Rel).",
         "",
         *_table(record),
         "",
@@ -248,6 +246,16 @@ def page(record: dict, labels: dict | None, refined: dict | None = None) -> str:
             "predict` does it, without any depth.",
             "",
             *_table(refined),
+        ]
+    if larger is not None:
+        lines += [
+            "",
+            "## And in larger pictures",
+            "",
+            f"`{larger['command']}` (weights {larger['weights_hash']}, commit {larger['commit']}, "
+            f"{larger['date']}): the later sweeps match at 480x384; scored at 320x256.",
+            "",
+            *_table(larger),
         ]
     if labels is not None:
         lines += ["", "## Labels on the held-out tenth of NYUv2's training images", ""]
@@ -272,12 +280,13 @@ def main() -> None:
     parser.add_argument(
         "--poses", choices=("given", "refined"), default="given", help="as mvsam predict"
     )
-    parser.add_argument("--size", type=int, nargs=2, help="width, height; as mvsam predict")
+    parser.add_argument("--size", type=int, nargs=2, help="for the network, as mvsam predict")
     parser.add_argument("--part", choices=("all", "choose", "report"), default="all")
     parser.add_argument("--tuples", type=int, help="of a sequence at most; the protocol's: 24")
     parser.add_argument("--out", type=Path, help="JSON file to write")
     parser.add_argument("--page", type=Path, help="Markdown page to write")
     parser.add_argument("--refined", type=Path, help="record of --poses refined, for the page")
+    parser.add_argument("--larger", type=Path, help="that with --size too, for the page")
     parser.add_argument("--labels", type=Path, help="what nyu_labels.py wrote, for the page")
     arguments = parser.parse_args()
     protocol, model = PROTOCOLS["real"], load(arguments.model).eval()
@@ -299,11 +308,11 @@ def main() -> None:
     if arguments.out:
         arguments.out.write_text(json.dumps(record, indent=2) + "\n")
     if arguments.page:
-        labels, refined = (
+        labels, refined, larger = (
             json.loads(path.read_text()) if path else None
-            for path in (arguments.labels, arguments.refined)
+            for path in (arguments.labels, arguments.refined, arguments.larger)
         )
-        arguments.page.write_text(page(record, labels, refined))
+        arguments.page.write_text(page(record, labels, refined, larger))
 
 
 if __name__ == "__main__":

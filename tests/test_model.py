@@ -320,24 +320,26 @@ def test_a_model_without_a_decoder_cannot_label_photos(evaluated):
         evaluated("cas_mvsnet").segment(random_views(measured=True))
 
 
-def test_larger_pictures_serve_the_later_sweeps_alone():
+@pytest.mark.parametrize("size", [(96, 96), (64, 96)])
+def test_larger_pictures_serve_the_later_sweeps_alone(size: tuple[int, int]):
     model = small_model("tiny").eval()
     shuffle_statistics(model)
     model.input_size = (64, 64)
-    large = random_views(height=96, width=96)
+    large = random_views(height=size[0], width=size[1])
     images = F.interpolate(large.images[0], (64, 64), mode="bilinear", antialias=True)[None]
-    intrinsics = scale_intrinsics(large.intrinsics, 2 / 3, 2 / 3)
+    intrinsics = scale_intrinsics(large.intrinsics, 64 / size[1], 64 / size[0])
     small = replace(large, images=images, intrinsics=intrinsics, measured_depth=None)
     of_large, of_small = predict(model, large), predict(model, small)
-    assert [stage.depth.shape[-1] for stage in of_large.stages] == [16, 48, 96]
+    sizes = [stage.depth.shape[-2:] for stage in of_large.stages]
+    assert sizes == [(16, 16), (size[0] // 2, size[1] // 2), size]
     torch.testing.assert_close(
         of_large.stages[0].probability, of_small.stages[0].probability, atol=1e-4, rtol=1e-3
     )
     assert of_large.prior is not None and of_small.prior is not None
     torch.testing.assert_close(of_large.prior, of_small.prior, atol=1e-4, rtol=1e-3)
     for maps in (of_large.depth, of_large.confidence, of_large.logits):
-        assert maps is not None and maps.shape[-2:] == (96, 96)
-    model.finer_sweeps = False
+        assert maps is not None and maps.shape[-2:] == size
+    model.has_finer_sweeps = False
     assert predict(model, large).stages[0].depth.shape[-1] == 24
 
 

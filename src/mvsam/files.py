@@ -104,8 +104,10 @@ def writable_folder(folder: Path) -> Path:
             probe.touch()
             probe.unlink(missing_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
+        file = next(path for path in (folder, *folder.parents) if path.is_file())
         raise InputError(
-            f"output folder {folder} lies at or below a file of that name: choose another --out."
+            f"{file} is a file, so there can be no output folder {folder}: choose another "
+            "--out, or move the file away."
         ) from error
     except OSError as error:
         raise InputError(

@@ -25,7 +25,8 @@ class Features:
     pyramid: tuple[Float[Tensor, "batch view _channel _height _width"], ...] = ()
     """Coarse to fine, semantics already added; empty where the model has no cascade."""
     semantic: Float[Tensor, "batch view channel h4 w4"] | None = None
-    """SAM features at a quarter of the image; None where the model has no SAM encoder."""
+    """SAM features at a quarter of the image, with `has_finer_sweeps` of `input_size` at most; None
+    where the model has no SAM encoder."""
 
     def select(self, order: list[int]) -> "Features":
         """The features of these views, in this order."""
@@ -65,8 +66,8 @@ class MultiViewSAM(Model):
     prior: not the paper's; see `mvs/prior.py`.
     prompt_passes_gradient: whether the segmentation loss reaches the depth through the prompt. The
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
-    finer_sweeps: whether pictures larger than `input_size`, with which the model learned, serve the
-    later sweeps alone, and all else sees them at `input_size`. False: all works at their size.
+    has_finer_sweeps: whether pictures larger than `input_size`, with which the model learned, serve
+    the later sweeps alone, and all else sees them at `input_size`. Not the paper's (docs/paper.md).
     Image sides must be divisible by 32 where there is a cascade, by 4 otherwise.
     """
 
@@ -80,7 +81,7 @@ class MultiViewSAM(Model):
         prompt: DepthPrompt | None = None,
         decoder: SemanticDecoder | ConvDecoder | None = None,
         prompt_passes_gradient: bool = True,
-        finer_sweeps: bool = False,
+        has_finer_sweeps: bool = False,
     ):
         super().__init__()
         self.geometry_encoder = geometry_encoder
@@ -91,7 +92,7 @@ class MultiViewSAM(Model):
         self.prompt = prompt
         self.decoder = decoder
         self.prompt_passes_gradient = prompt_passes_gradient
-        self.finer_sweeps = finer_sweeps
+        self.has_finer_sweeps = has_finer_sweeps
         self.reads_depth = prompt is not None and cascade is None
         for part, needed in PARTS_NEEDED.items():
             if getattr(self, part) is not None and any(getattr(self, n) is None for n in needed):
@@ -110,15 +111,16 @@ class MultiViewSAM(Model):
         """Steps (1) to (3) for every view: SAM features, geometric pyramid, their sum (Sec. 3.1).
 
         A model without a cascade looks at view 0 alone when called, but at every view given here.
+        With `has_finer_sweeps` the coarsest level of larger pictures comes from reduced ones.
         Raises ValueError for image sides that do not divide, or without the `semantic_images` that
         the model was trained with.
         """
         self._check(views)
         images = views.images.flatten(0, 1)
-        width, height = self._learned_size((views.width, views.height))
+        size = self._learned_size(views)
         semantic = self._semantic_features(views)
-        pyramid = self._pyramid(_resized(images, (height, width)), semantic)
-        if (width, height) != (views.width, views.height):
+        pyramid = self._pyramid(_resized(images, size), semantic)
+        if size != (views.height, views.width):
             pyramid = (*pyramid[:1], *self._pyramid(images, semantic)[1:])
 
         def per_view(x: Tensor) -> Tensor:
@@ -172,10 +174,13 @@ class MultiViewSAM(Model):
         assert features.semantic is not None
         return self.prior(features.semantic[:, 0], views)
 
-    def _learned_size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """(width, height) at which all but the later sweeps see pictures of a size."""
-        is_smaller = size[0] < self.input_size[0] or size[1] < self.input_size[1]
-        return size if is_smaller or not self.finer_sweeps else self.input_size
+    def _learned_size(self, views: Views) -> tuple[int, int]:
+        """(height, width) at which all but the later sweeps see these pictures."""
+        width, height = self.input_size
+        is_smaller = views.width < width or views.height < height
+        if is_smaller or not self.has_finer_sweeps:
+            return views.height, views.width
+        return height, width
 
     def _pyramid(
         self, images: Float[Tensor, "image 3 height width"], semantic: Tensor | None
@@ -192,13 +197,12 @@ class MultiViewSAM(Model):
     def _semantic_features(self, views: Views) -> Float[Tensor, "batch_view channel h4 w4"] | None:
         if self.semantic_encoder is None:
             return None
-        width, height = self._learned_size((views.width, views.height))
+        height, width = self._learned_size(views)
         given = views.images if views.semantic_images is None else views.semantic_images
         return self.semantic_encoder(given.flatten(0, 1), (height // 4, width // 4))
 
     def _confidence(self, stages: list[DepthStage], views: Views) -> Tensor:
-        width, height = self._learned_size((views.width, views.height))
-        confidence = combined_confidence(stages, (height, width))
+        confidence = combined_confidence(stages, self._learned_size(views))
         return _resized(confidence[:, None], (views.height, views.width))[:, 0]
 
     def _check(self, views: Views) -> None:
@@ -236,7 +240,7 @@ def _resized(maps: Float[Tensor, "map channel _h _w"], size: tuple[int, int]) ->
     """Bilinear at (height, width); where it shrinks, over all of each new pixel."""
     if maps.shape[-2:] == size:
         return maps
-    shrinks = maps.shape[-2] > size[0]
+    shrinks = maps.shape[-2] > size[0] or maps.shape[-1] > size[1]
     return F.interpolate(maps, size, mode="bilinear", align_corners=False, antialias=shrinks)
 
 

@@ -201,8 +201,6 @@ class Model(nn.Module):
     """What the weights' file says of itself (`weights.WeightsInfo`); None for random weights."""
     input_size: tuple[int, int] = (320, 256)
     """(width, height) that photos are resized to, pixels: what it was trained with."""
-    finer_sweeps: bool = False
-    """Whether larger photos serve its later sweeps alone (`model.MultiViewSAM`)."""
     semantic_size: tuple[int, int] | None = None
     """(width, height) of `Views.semantic_images` it was trained with; None: without them."""
     weights_hash: str | None = None

@@ -66,6 +66,11 @@ def test_a_path_without_scenes_is_refused(tmp_path):
         open_data(str(tmp_path / "nowhere"))
 
 
+def test_an_empty_path_is_not_the_folder_one_is_in():
+    with pytest.raises(InputError, match="path is empty"):
+        open_data("")
+
+
 def test_rooms_are_built_when_asked_for_and_stay_the_same():
     scenes = open_data("rooms:val")
     assert len(scenes) == 100

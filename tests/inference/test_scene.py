@@ -15,6 +15,7 @@ from mvsam.data.formats import open_scene
 from mvsam.data.labels import png_palette
 from mvsam.errors import InputError
 from mvsam.files import DiskFullError
+from mvsam.inference.photos import check_size
 from mvsam.inference.scene import predict_scene
 from tests.inference.fake_model import FakeModel, WholeModel
 from tests.synthetic import SyntheticView, write_posed_folder
@@ -178,6 +179,33 @@ def test_maps_of_poses_since_corrected_are_not_kept(tmp_path: Path, scene, out: 
         predict_scene(FakeModel(), open_scene(tmp_path / "room"), out)
 
 
+def test_maps_of_a_photo_that_was_taken_again_are_not_kept(tmp_path: Path, scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    (photo,) = (tmp_path / "room" / "color").glob("0002.*")
+    picture = Image.open(photo).transpose(Image.Transpose.FLIP_LEFT_RIGHT)
+    picture.save(photo)
+    scene = open_scene(tmp_path / "room")
+    with pytest.raises(InputError, match=r"predictions of another photo 0002.*--overwrite"):
+        predict_scene(FakeModel(), scene, out)
+    assert len(predict_scene(FakeModel(), scene, out, overwrite=True).written) == 4
+    assert len(predict_scene(FakeModel(), scene, out).kept) == 4
+
+
+def test_maps_made_at_another_size_are_not_kept(scene, out: Path):
+    predict_scene(FakeModel(), scene, out)
+    assert json.loads((out / "run.json").read_text())["size"] == [64, 48]
+    with pytest.raises(InputError, match=r"with another --size.*--overwrite"):
+        predict_scene(FakeModel(), scene, out, size=(96, 64))
+    predict_scene(FakeModel(), scene, out, size=(96, 64), overwrite=True)
+    assert json.loads((out / "run.json").read_text())["size"] == [96, 64]
+
+
+@pytest.mark.parametrize("size", [(480, 360), (0, 256), (480,), 480, (480.0, 384.0), (320, 256, 3)])
+def test_a_size_that_fits_no_network_is_refused(size):
+    with pytest.raises(InputError, match=r"does not fit the network.*multiples of 32"):
+        check_size(size)
+
+
 def test_fewer_than_two_views_are_refused(scene, out: Path):
     with pytest.raises(InputError, match="1 view asked for: a prediction looks at 2 to 8"):
         predict_scene(FakeModel(), scene, out, num_views=1)
@@ -255,7 +283,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_fragments(scene, out: Path, m
 
 def test_an_output_folder_that_cannot_be_written_is_named(scene, tmp_path: Path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(InputError, match=r"output folder .*file/out lies at or below a file"):
+    with pytest.raises(InputError, match=r"file is a file, so there can be no .*file/out"):
         predict_scene(FakeModel(), scene, tmp_path / "file/out")
 
 

@@ -87,7 +87,7 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
         cascade=tiny_cascade(voted_scores),
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
-        finer_sweeps=True,
+        has_finer_sweeps=True,
     )
 
 
@@ -111,7 +111,7 @@ def tiny_base(
     cascade: DepthCascade | None = None,
     prior: MonocularPrior | None = None,
     decoder: SemanticDecoder | None = None,
-    finer_sweeps: bool = False,
+    has_finer_sweeps: bool = False,
 ) -> MultiViewSAM:
     """`base` in the sizes of `tiny`; every box of Figure 3 is there and no other."""
     return MultiViewSAM(
@@ -122,7 +122,7 @@ def tiny_base(
         prior=prior,
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=decoder or tiny_decoder(num_classes),
-        finer_sweeps=finer_sweeps,
+        has_finer_sweeps=has_finer_sweeps,
     )
 
 

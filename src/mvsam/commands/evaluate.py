@@ -68,8 +68,8 @@ class Evaluate:
     """Metres between which the network looks for surfaces; the protocol's where it is not given.
     Which pixels count stays the protocol's."""
     size: tuple[int, int] | None = None
-    """Width and height at which the network sees the photos, multiples of 32; the protocol's where
-    they are not given. Scores are taken at the protocol's size."""
+    """Width and height at which the network sees the photos, as in mvsam predict; the protocol's
+    where they are not given. Scores are taken at the protocol's size."""
     limit: int | None = None
     """At most so many view tuples altogether, evenly spaced."""
     json: Json = False
@@ -82,9 +82,11 @@ class Evaluate:
         from mvsam.convolution import fold_batch_norm
         from mvsam.data.sampling import evenly_spaced
         from mvsam.evaluation.evaluate import evaluate
+        from mvsam.inference.photos import check_size
         from mvsam.inference.reading import one_ahead
 
         protocol = _protocol(self.protocol)
+        check_size(self.size)
         if self.limit is not None and self.limit < 1:
             raise InputError(f"--limit {self.limit}: give 1 or more view tuples.")
         model = load_model(_weights_of(self.model), self.device)
@@ -121,15 +123,12 @@ class Evaluate:
         from mvsam.data.lazy import changed
         from mvsam.data.wrapped import LabelsOf
         from mvsam.inference.photos import fewest_views
-        from mvsam.inference.picture_size import check_size
 
         num_views = protocol.num_views if self.views is None else self.views
         if num_views < fewest_views(model):
             raise InputError(
                 f"--views {num_views}: {self.model} looks at {fewest_views(model)} photos or more."
             )
-        size = self.size or protocol.size
-        check_size(size)
         depth_range = checked_depth_range(
             self.depth_range or protocol.search_range or protocol.depth_range
         )
@@ -146,7 +145,7 @@ class Evaluate:
         samples = TupleDataset(
             changed(scenes, partial(LabelsOf, classes=classes)),
             num_views=num_views,
-            size=size,
+            size=self.size or protocol.size,
             depth_range=depth_range,
             tuples_per_scene=protocol.tuples_per_scene,
             semantic_size=model.semantic_size,

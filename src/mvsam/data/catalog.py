@@ -47,6 +47,8 @@ def open_data(
         if parse_scale(scale) != 1.0:
             raise InputError(f"{name}: rooms are in metres; leave --scale out.")
         return _open_rooms(name, RoomStyle(room_frames, room_size, cache, assets))
+    if not name:
+        raise InputError("the scene's path is empty; give a scene's folder, or . for this one.")
     path = Path(name)
     if is_scene_list(name) and not path.is_dir():
         folders = listed_scenes(path)

@@ -18,8 +18,7 @@ from mvsam.convolution import fold_batch_norm
 from mvsam.data.labels import SCANNET20
 from mvsam.errors import MissingExtraError
 from mvsam.files import write_whole
-from mvsam.inference.photos import MOST_VIEWS
-from mvsam.inference.picture_size import check_size
+from mvsam.inference.photos import MOST_VIEWS, check_size
 from mvsam.types import Model, Views
 
 OPSET = 18

@@ -15,7 +15,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image
 
+from mvsam.data.files import load_photo
 from mvsam.data.labels import ClassTable, png_palette
+from mvsam.data.transforms import area_resize
 from mvsam.errors import InputError
 from mvsam.files import remove_partial_files, writable_folder, write_json, write_whole
 from mvsam.geometry.depth_map import to_millimetres
@@ -35,6 +37,11 @@ FILES = {
 _FOLDERS = sorted({Path(pattern).parts[0] for pattern in FILES.values()})
 
 INDEX_FILES = ("transforms.json", "classes.json", "metrics.json")
+
+_THUMBNAIL = (8, 6)
+"""(width, height), pixels."""
+_JPEG_CHANGES = 0.03
+"""Of full brightness: more than JPEG changes the mean of a thumbnail's pixel."""
 
 NERFSTUDIO_KEYS = {
     "depth": "depth_file_path",
@@ -84,6 +91,14 @@ class OutputFolder:
     def is_done(self, name: str) -> bool:
         """Whether every file of this photo exists."""
         return bool(self.kinds) and all(self.file(kind, name).is_file() for kind in self.kinds)
+
+    def shows(self, frame: Frame) -> bool:
+        """Whether the copy that was kept of a photo shows what the photo shows today."""
+        before, now = load_photo(self.file("color", frame.name)), frame.image
+        if before.shape != now.shape:
+            return False
+        difference = area_resize(before, _THUMBNAIL) - area_resize(now, _THUMBNAIL)
+        return float(difference.abs().max()) < _JPEG_CHANGES
 
     def remove(self, names: Iterable[str]) -> None:
         """Removes all maps of these photos."""

@@ -21,7 +21,6 @@ from mvsam.data.refined import refined_poses
 from mvsam.errors import InputError, counted
 from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.inference.outputs import PhotoPrediction
-from mvsam.inference.picture_size import picture_size
 from mvsam.inference.session import Session
 from mvsam.precision import Precision
 from mvsam.types import Frame, Model
@@ -30,6 +29,9 @@ log = logging.getLogger("mvsam")
 
 MOST_VIEWS = 8
 """Photos that go through a model together at most."""
+
+SIDE_STEP = 32
+"""Pixels; sides of what a network sees must be multiples of it."""
 
 
 def predict(
@@ -51,12 +53,14 @@ def predict(
     (`data.depth_range`). `references` are indices of photos; all by
     default. Each reference is seen together with all other photos. `precision` auto takes bfloat16
     where the processor or the GPU multiplies it natively. `size` is the (width, height) at which
-    the network sees the photos, multiples of 32; None: `picture_size`.
+    the network sees the photos, multiples of 32; None: `model.input_size`. `tiny` finds finer depth
+    with (480, 384) where cameras are right and photos as large.
 
     Returns one `PhotoPrediction` a reference: `depth` H x W float32 metres, `confidence` H x W
     float32 in 0..1, `labels` H x W uint8; None for what the model does not predict. Warns in the
     log where the cameras seem wrong. Raises `InputError` that names the photo which is not so.
     """
+    check_size(size)
     frames = _frames(images, intrinsics, world_from_cam)
     if precision not in get_args(Precision):
         raise InputError(f"precision {precision!r}: give one of {', '.join(get_args(Precision))}.")
@@ -79,7 +83,6 @@ def predict(
     # The reference comes first: a measured depth belongs to view 0.
     tuples = [[frames[r], *frames[:r], *frames[r + 1 :]] for r in chosen]
     check_measured_depth(model, [views[0] for views in tuples])
-    size = picture_size(model, frames, size)
     with Session(model, depth_range, precision=precision, size=size) as session:
         return list(session.predict_all(tuples))
 
@@ -101,7 +104,8 @@ def refine_poses(
     Arguments as `predict`, of 2 to 150 photos. Returns 4x4 float64 camera-to-world in their order,
     metres, axes x right, y down, z forward. World axes and the cameras' distances stay, on the
     whole; so do poses that fit already, and those of photos without matches. What was done is in
-    the log. Raises `MissingExtraError` without the extra `colmap`, `InputError` as `predict`.
+    the log `mvsam`, at level INFO. Raises `MissingExtraError` without the extra `colmap`,
+    `InputError` as `predict`.
     """
     frames = _frames(images, intrinsics, world_from_cam)
     if len(frames) < 2:
@@ -125,6 +129,20 @@ def fewest_views(model: Model) -> int:
     """Photos that it needs at least (`ModelSpec.fewest_views`); two where that is not known."""
     spec = MODELS.get(model.info.model) if model.info else None
     return 2 if spec is None else spec.fewest_views
+
+
+def check_size(size: Any) -> None:
+    """Raises `InputError` for a (width, height) that fits no network; None is each model's own."""
+    if size is None:
+        return
+    is_pair = isinstance(size, list | tuple) and len(size) == 2
+    if not is_pair or any(
+        not isinstance(side, int | np.integer) or side <= 0 or side % SIDE_STEP for side in size
+    ):
+        raise InputError(
+            f"size {size} does not fit the network: give a width and a height that are multiples "
+            f"of {SIDE_STEP}, as 320 256."
+        )
 
 
 def warn_of_other_range(model: Model, depth_range: DepthRange) -> None:

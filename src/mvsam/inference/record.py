@@ -23,10 +23,11 @@ IDENTITY = (
     *("depth_range", "size", "tuples_hash", "precision"),
 )
 """Keys in which two runs must agree to share a folder."""
-_HASHED = {
+_DIFFERENCES = {
     "cameras_hash": "of other cameras",
     "weights_hash": "of other weights",
     "values_hash": "of other weights, or of an earlier version of mvsam",
+    "size": "with another --size, or by an earlier version of mvsam",
     "tuples_hash": "made from other view tuples (--tuples, or the scene's views.txt)",
 }
 
@@ -70,7 +71,7 @@ def check_same_run(now: dict[str, Any], before: dict[str, Any], folder: Path) ->
     """Raises `InputError` where a folder holds predictions of another model, scene or setting."""
     for key in IDENTITY:
         if before.get(key) != now[key]:
-            with_another = _HASHED.get(key, f"with {key} {before.get(key)}, not {now[key]}")
+            with_another = _DIFFERENCES.get(key, f"with {key} {before.get(key)}, not {now[key]}")
             raise InputError(
                 f"{folder} holds predictions {with_another}: choose another --out, or add "
                 "--overwrite to replace them."

@@ -22,11 +22,11 @@ from mvsam.inference.outputs import OutputFolder, PhotoPrediction
 from mvsam.inference.photos import (
     MOST_VIEWS,
     check_measured_depth,
+    check_size,
     fewest_views,
     resolved_depth_range,
     warn_of_other_range,
 )
-from mvsam.inference.picture_size import picture_size
 from mvsam.inference.record import (
     check_same_run,
     describe_cost,
@@ -82,7 +82,7 @@ def predict_scene(
     "auto": an estimate from the scene's sparse points (`scene.points`, where it has them) or its
     poses. Photos that are done are kept unless `overwrite`. `save_npz` adds float32 depth.
     `precision` auto takes bfloat16 where the processor or the GPU multiplies it natively.
-    `size` is the (width, height) at which the network sees photos; None: `picture_size`.
+    `size` is the (width, height) at which the network sees photos; None: `model.input_size`.
     `max_memory` are the bytes this process may come to hold where the model is (RAM or GPU); with
     less, fewer photos are remembered, so it takes longer. It is an estimate (`limits.count_needs`),
     not a guarantee. `arguments` are recorded in `run.json` as they are.
@@ -91,6 +91,7 @@ def predict_scene(
     What exists in `out` is whole at any time; after an interruption the next call goes on.
     Raises `InputError` for bad input and `DiskFullError`.
     """
+    check_size(size)
     num_views = _views_for(model, num_views)
     frames = [scene.frame(index) for index in range(len(scene))]
     points = getattr(scene, "points", None)
@@ -104,7 +105,7 @@ def predict_scene(
     _warn_of_cameras(scene.name, frames, skipped, depth_range)
     chosen = [frames[views[0]] for views in tuples]
     check_measured_depth(model, chosen)
-    size = picture_size(model, frames, size)
+    size = size or model.input_size
     remembered_photos = _photos_within(max_memory, model, size, frames, num_views)
     folder = OutputFolder(Path(out))
     run = describe_run(
@@ -122,6 +123,16 @@ def predict_scene(
                 folder.write_index(frames, work.classes)
     scores = _scores(folder, scene, frames, work.classes)
     return SceneResult(work.written, work.kept, skipped, scores)
+
+
+def _check_same_photos(folder: OutputFolder, references: Sequence[Frame]) -> None:
+    """Raises `InputError` where a photo is another than the one that was predicted."""
+    for frame in references:
+        if folder.is_done(frame.name) and not folder.shows(frame):
+            raise InputError(
+                f"{folder.path} holds predictions of another photo {frame.name}: choose another "
+                "--out, or add --overwrite to replace them."
+            )
 
 
 def _views_for(model: Model, asked: int) -> int:
@@ -272,6 +283,7 @@ def _prepare(
         return
     if not overwrite:
         check_same_run(run, before, folder.path)
+        _check_same_photos(folder, references)
     elif is_same_run(run, before):
         folder.remove([frame.name for frame in references])
     else:

@@ -11,6 +11,7 @@ from mvsam.data.check.depth import depth_verdict
 from mvsam.data.check.readings import HALF_SIZE
 from mvsam.data.check.report import report_scene
 from mvsam.data.readers.posed_folder import PosedFolder
+from mvsam.errors import InputError
 from mvsam.types import Frame
 from tests.synthetic import camera_intrinsics, camera_pose, render, write_posed_folder
 
@@ -132,6 +133,14 @@ def test_a_report_counts_what_the_folder_holds(tmp_path):
     labels = np.stack([view.labels for view in truth])
     assert report.label_shares["floor"] == pytest.approx((labels == 1).mean())
     assert not report.is_suspicious
+
+
+def test_a_report_names_a_photo_that_is_cut_off(tmp_path):
+    write_posed_folder(tmp_path, num_frames=6)
+    photo = sorted((tmp_path / "color").iterdir())[4]
+    photo.write_bytes(photo.read_bytes()[:-200])
+    with pytest.raises(InputError, match=rf"{photo.name}: the photo cannot be read"):
+        report_scene(PosedFolder(tmp_path), RANGE)
 
 
 def recording(num_frames: int, step: float) -> list[Frame]:

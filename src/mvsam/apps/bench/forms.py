@@ -45,8 +45,13 @@ def textbook_model(case: Case) -> Model:
 
 
 def build_case(case: Case) -> Model:
-    """The case's model with its number of planes; the weights do not depend on that."""
+    """The case's model with its number of planes; the weights do not depend on that.
+
+    In training all of it works at the pictures' size, as in `mvsam train`.
+    """
     model = build(case.model)
+    if case.work == "train":
+        model.input_size = (case.width, case.height)
     if case.num_planes is not None:
         assert isinstance(model, MultiViewSAM) and model.cascade is not None
         model.cascade.num_planes = case.num_planes

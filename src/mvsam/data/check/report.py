@@ -12,7 +12,7 @@ from mvsam.data.labels import SCANNET20
 from mvsam.types import IGNORE, Frame, Scene
 
 SAMPLED_FRAMES = 50
-"""Evenly spaced frames whose depth and labels are looked at."""
+"""Evenly spaced frames whose photo, depth and labels are read."""
 FEW_FRAMES = 5
 """With fewer, photos alone do not accuse the cameras where the depth sees no reason to."""
 
@@ -95,6 +95,8 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
     """Looks at every camera and at the pixels of at most 50 frames."""
     frames = [scene.frame(index) for index in range(len(scene))]
     sampled = frames[:: -(-len(frames) // SAMPLED_FRAMES)]
+    for frame in sampled:
+        _ = frame.image  # a damaged photo is named here, not after an hour
     baselines, turns = _neighbours(frames)
     coverage, depths = _depth_statistics(sampled)
     verdict, hint = _witnesses(frames, depth_range)

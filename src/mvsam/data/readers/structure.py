@@ -29,7 +29,7 @@ def pose_photos(path: Path) -> Path:
     """The folder with `sparse/0` that COLMAP made of a folder of photos, or of a video.
 
     A video's frames, two a second, go to a folder of its name beside it. A model that is there
-    already is kept; a message names what it lacks. Raises `InputError` where COLMAP finds no poses.
+    already is kept; a message names newer photos. Raises `InputError` where COLMAP finds no poses.
     """
     folder = path
     if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file():
@@ -53,13 +53,12 @@ def pose_photos(path: Path) -> Path:
 
 
 def _warn_of_newer(path: Path, folder: Path) -> None:
-    """Where a video, or some photos, came or changed after the model in `folder` was made."""
-    made = max((file.stat().st_mtime for file in (folder / "sparse").rglob("*")), default=None)
-    if made is None:
-        return
+    """Says so where a video, or photos, changed after the model in `folder/sparse` was made."""
+    made = [file.stat().st_mtime for file in (folder / "sparse").rglob("images.*")]
     photos = photo_folder(folder)
     files = _photos(photos) if path == folder and photos else [path]
-    newer = [file.name for file in files if file.stat().st_mtime > made]
+    times = {file.name: file.stat().st_mtime for file in files if file.is_file()}
+    newer = [name for name, time in times.items() if made and time > max(made)]
     if newer:
         log.warning(
             "%s: %s newer than its COLMAP model; to have COLMAP seek poses again, move %s away.",
