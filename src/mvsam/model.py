@@ -198,8 +198,12 @@ class MultiViewSAM(Model):
         if self.semantic_encoder is None:
             return None
         height, width = self._learned_size(views)
-        given = views.images if views.semantic_images is None else views.semantic_images
-        return self.semantic_encoder(given.flatten(0, 1), (height // 4, width // 4))
+        given = views.semantic_images
+        if given is None:
+            pictures = _resized(views.images.flatten(0, 1), (height, width))
+        else:
+            pictures = given.flatten(0, 1)
+        return self.semantic_encoder(pictures, (height // 4, width // 4))
 
     def _confidence(self, stages: list[DepthStage], views: Views) -> Tensor:
         confidence = combined_confidence(stages, self._learned_size(views))
