@@ -115,12 +115,7 @@ def predict_scene(
     folder.remove_partial()
     with Session(model, depth_range, remembered_photos, precision, size) as session:
         work = _Work(session, frames, folder, run, save_npz)
-        try:
-            work.predict_all(tuples, on_photo)
-        finally:
-            # Also after Ctrl-C: the index then lists the photos that are done.
-            if folder.kinds:
-                folder.write_index(frames, work.classes)
+        work.predict_all(tuples, on_photo)
     scores = _scores(folder, scene, frames, work.classes)
     return SceneResult(work.written, work.kept, skipped, scores)
 
@@ -199,6 +194,16 @@ class _Work:
         self.kept: list[str] = []
 
     def predict_all(
+        self, tuples: Sequence[ViewTuple], on_photo: Callable[[int, int, str], None]
+    ) -> None:
+        """Also after Ctrl-C the folder's index lists the photos that are done."""
+        try:
+            self._predict_missing(tuples, on_photo)
+        finally:
+            if self.folder.kinds:
+                self.folder.write_index(self.frames, self.classes)
+
+    def _predict_missing(
         self, tuples: Sequence[ViewTuple], on_photo: Callable[[int, int, str], None]
     ) -> None:
         names = [self.frames[views[0]].name for views in tuples]
