@@ -20,9 +20,8 @@ from rich.console import Console
 from rich.table import Table
 
 from mvsam.data.catalog import scene_folders
-from mvsam.data.check.report import report_scene
+from mvsam.data.check.evidence import Evidence
 from mvsam.data.formats import find_format, open_scene
-from mvsam.data.readers.listed import ListedScene
 from mvsam.data.readers.register import register_depth
 from mvsam.data.readers.seven_scenes import COLOR_FROM_DEPTH
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
@@ -30,6 +29,7 @@ from mvsam.provenance import provenance
 from mvsam.types import Frame
 
 Break = Callable[[list[Frame]], list[Frame]]
+DEPTH_RANGE = (0.1, 5.0)
 MEASURABLE = 0.05
 DEPTH_FOCAL = 585.0 / 520.17
 """Kinect's depth camera against its colour camera."""
@@ -114,20 +114,19 @@ BREAKS: dict[str, tuple[Break, str]] = {
 """Name -> (how to break, what the check must then say)."""
 
 
-def check_all(frames: list[Frame], name: str) -> dict[str, dict]:
+def check_all(frames: list[Frame]) -> dict[str, dict]:
     right = None
     found = {}
     for kind, (break_it, expected) in BREAKS.items():
-        report = report_scene(ListedScene(name, break_it(frames)))
-        verdict = report.depth_verdict
-        given = verdict.agreement.get("as given")
+        evidence = Evidence.of(break_it(frames), DEPTH_RANGE)
+        given = evidence.depth.agreement.get("as given")
         right = given if right is None else right
         is_measurable = right is None or given is None or right - given >= MEASURABLE
         found[kind] = {
-            "verdict": judge(report.is_suspicious, expected, report.advice, is_measurable),
+            "verdict": judge(evidence.is_suspicious, expected, evidence.advice, is_measurable),
             "agreement": given,
-            "photos": report.photo_hint,
-            "depth": verdict.sentence,
+            "photos": evidence.photos,
+            "depth": evidence.depth.sentence,
         }
     return found
 
@@ -175,7 +174,7 @@ def main() -> None:
         if arguments.only not in name or not has_poses(path):
             continue
         frames = frames_in_memory(path)
-        results[name] = {"frames": len(frames), "checks": check_all(frames, name)}
+        results[name] = {"frames": len(frames), "checks": check_all(frames)}
         print(name, *(c["verdict"] for c in results[name]["checks"].values()), flush=True)
     Console(width=160).print(table_of(results))
     counts = count(results.values())

@@ -209,6 +209,7 @@ def _as_text(report: SceneReport) -> str:
         photos = "not asked, because the depth can tell."
     lines.append(f"  by the photos    {photos}")
     lines.append(f"  by the depth     {report.depth_verdict.sentence}")
+    lines.append(f"  by features      {report.features.sentence}")
     lines.append(f"  verdict          {_verdict(report)}")
     return "\n".join(lines)
 
@@ -216,6 +217,8 @@ def _as_text(report: SceneReport) -> str:
 def _verdict(report: SceneReport) -> str:
     if report.is_suspicious:
         return "the cameras are wrong; correct them as said above."
+    if report.features.are_off and report.has_unit:
+        return "the cameras are imprecise; add --poses refined to mvsam predict."
     if report.depth_verdict.fits:
         return "the cameras fit."
     if report.depth_verdict.agreement:

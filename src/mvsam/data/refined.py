@@ -5,19 +5,16 @@ few centimetres. COLMAP matches features, `geometry.epipolar` moves the cameras.
 """
 
 import logging
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from PIL import Image
 from torch import Tensor
 
+from mvsam.data.matches import FEWEST_MATCHES, match_photos, pixel_size
 from mvsam.data.readers.colmap import import_pycolmap
 from mvsam.data.readers.structure import MOST_MATCHED
 from mvsam.data.wrapped import WrappedScene
@@ -25,18 +22,12 @@ from mvsam.errors import InputError
 from mvsam.geometry.epipolar import Matches, epipolar_distances, fit_poses
 from mvsam.types import Frame, Scene
 
-WIDTH = 640
-"""A right match is taken to be off by a pixel, in larger photos by a pixel of this width."""
 GOOD_ENOUGH = 0.7
-"""Of such pixels: the median distance of every camera's matches from their epipolar lines. Up to it
-features say less about the cameras than the cameras do (docs/log.md)."""
+"""Pixels of a photo 640 wide: the median distance of every camera's matches from their epipolar
+lines. Up to it features say less about the cameras than the cameras do (docs/log.md)."""
 MOST_OFF, AGREED = 8.0, 2.0
 """Of such pixels: with a larger median before, the cameras are mistaken, not imprecise, as those of
 another convention; with a larger one afterwards, the photos do not agree on others."""
-FEWEST_MATCHES = 15
-"""Of a pair; fewer may be chance."""
-MATCHES_PER_PAIR = 100
-"""Evenly drawn; more add time alone."""
 SMALLEST_BASELINE = 0.01
 """Metres; nearer cameras have no epipolar lines to speak of."""
 DECIMALS = 9
@@ -85,25 +76,20 @@ def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, 
     if len(frames) < 2:
         return as_given
     given = torch.from_numpy(np.stack(as_given))
-    pairs = _pairs_apart(name, frames, given)
+    pairs = _matched_apart(name, frames, given)
     if not pairs:
         return as_given
-    pixel = float(np.median([max(1.0, max(f.size) / WIDTH) / f.intrinsics[0, 0] for f in frames]))
-    fitted = _fitted(name, given, pairs, pixel)
+    fitted = _fitted(name, given, pairs, pixel_size(frames))
     return as_given if fitted is None else list(fitted.numpy().round(DECIMALS))
 
 
-def _pairs_apart(
+def _matched_apart(
     name: str, frames: Sequence[Frame], given: Float[Tensor, "view 4 4"]
 ) -> list[Matches]:
     """Of photos that match and are not at one place; a message says why there are none."""
     log.info("%s: COLMAP matches the features of %d photos.", name, len(frames))
-    matched = _matches(name, frames)
-    pairs = [
-        pair
-        for pair in matched
-        if (given[pair.first, :3, 3] - given[pair.second, :3, 3]).norm() >= SMALLEST_BASELINE
-    ]
+    matched = match_photos(name, frames)
+    pairs = apart(matched, given)
     if not pairs:
         reason = (
             f"those that match are less than {SMALLEST_BASELINE * 100:g} cm apart"
@@ -112,6 +98,15 @@ def _pairs_apart(
         )
         log.warning("%s: its photos cannot correct the cameras: %s.", name, reason)
     return pairs
+
+
+def apart(pairs: Sequence[Matches], poses: Float[Tensor, "view 4 4"]) -> list[Matches]:
+    """Those whose cameras have epipolar lines to speak of."""
+    return [
+        pair
+        for pair in pairs
+        if (poses[pair.first, :3, 3] - poses[pair.second, :3, 3]).norm() >= SMALLEST_BASELINE
+    ]
 
 
 def _fitted(
@@ -123,7 +118,7 @@ def _fitted(
     """
     distances = epipolar_distances(given, pairs)
     before = torch.cat(distances).median().item() / pixel
-    if _worst_camera(distances, pairs) <= GOOD_ENOUGH * pixel:
+    if worst_camera(distances, pairs) <= GOOD_ENOUGH * pixel:
         log.info(
             "%s: its cameras fit its photos (features are %.1f pixels from their epipolar lines) "
             "and stay as given.",
@@ -151,7 +146,7 @@ def _fitted(
     return poses
 
 
-def _worst_camera(distances: Sequence[Float[Tensor, "_match"]], pairs: Sequence[Matches]) -> float:
+def worst_camera(distances: Sequence[Float[Tensor, "_match"]], pairs: Sequence[Matches]) -> float:
     """The largest of the medians over each camera's matches: of a log, a part may be off."""
     of_cameras: dict[int, list[Tensor]] = {}
     for pair, found in zip(pairs, distances, strict=True):
@@ -166,82 +161,3 @@ def _way(given: Float[Tensor, "view 4 4"], found: Float[Tensor, "view 4 4"]) -> 
     angles = ((traces - 1) / 2).clamp(-1, 1).acos().rad2deg()
     distances = (given[:, :3, 3] - found[:, :3, 3]).norm(dim=1)
     return angles.median().item(), distances.median().item()
-
-
-def _matches(name: str, frames: Sequence[Frame]) -> list[Matches]:
-    """Of all pairs with enough of them."""
-    pycolmap = import_pycolmap("corrected poses")
-    pycolmap.logging.minloglevel = 2  # errors only
-    with tempfile.TemporaryDirectory() as folder:
-        database = Path(folder) / "database.db"
-        files = [Path(folder) / f"{index:06d}.png" for index in range(len(frames))]
-        for file, frame in zip(files, frames, strict=True):
-            Image.fromarray(frame.image).save(file, compress_level=1)
-        try:
-            return _matched_pairs(pycolmap, database, files, frames)
-        except Exception as error:  # pycolmap raises many kinds
-            raise InputError(f"{name}: COLMAP cannot match its photos ({error}).") from error
-
-
-def _matched_pairs(
-    pycolmap: Any, database: Path, files: Sequence[Path], frames: Sequence[Frame]
-) -> list[Matches]:
-    names = [file.name for file in files]
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.num_threads = 1  # else photos are numbered as they get ready, and matched so
-    pycolmap.extract_features(
-        database,
-        files[0].parent,
-        image_names=names,
-        camera_mode=pycolmap.CameraMode.PER_IMAGE,
-        extraction_options=extraction,
-    )
-    with pycolmap.Database.open(database) as opened:
-        images = [opened.read_image_with_name(name) for name in names]
-        for image, frame in zip(images, frames, strict=True):
-            opened.update_camera(_camera(pycolmap, frame, image.camera_id))
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = 0
-    pycolmap.match_exhaustive(database, verification_options=verification)
-    with pycolmap.Database.open(database) as opened:
-        rays = [
-            _rays(opened.read_keypoints(image.image_id)[:, :2], frame.intrinsics)
-            for image, frame in zip(images, frames, strict=True)
-        ]
-        pair_ids, geometries = opened.read_two_view_geometries()
-    numbers = {image.image_id: index for index, image in enumerate(images)}
-    # A watermark, or a robot's own arm, is seen at one place by all.
-    unsuited = (
-        pycolmap.TwoViewGeometryConfiguration.WATERMARK,
-        pycolmap.TwoViewGeometryConfiguration.DEGENERATE,
-    )
-    found = []
-    for pair_id, geometry in zip(pair_ids, geometries, strict=True):
-        first, second = (numbers[image] for image in pycolmap.pair_id_to_image_pair(pair_id))
-        places = np.asarray(geometry.inlier_matches, dtype=np.int64).reshape(-1, 2)
-        if geometry.config not in unsuited and len(places) >= FEWEST_MATCHES:
-            kept = np.linspace(0, len(places) - 1, min(len(places), MATCHES_PER_PAIR)).round()
-            here, there = places[kept.astype(int)].T
-            found.append(Matches(first, second, rays[first][here], rays[second][there]))
-    return sorted(found, key=lambda pair: (pair.first, pair.second))
-
-
-def _camera(pycolmap: Any, frame: Frame, camera_id: int) -> Any:
-    """Without skew, which only COLMAP's choice among matches would know of."""
-    (focal_x, _, centre_x), (_, focal_y, centre_y), _ = frame.intrinsics
-    camera = pycolmap.Camera(
-        camera_id=camera_id,
-        model="PINHOLE",
-        width=frame.size[0],
-        height=frame.size[1],
-        params=[focal_x, focal_y, centre_x, centre_y],
-    )
-    camera.has_prior_focal_length = True
-    return camera
-
-
-def _rays(
-    pixels: Float[np.ndarray, "point 2"], intrinsics: Float[np.ndarray, "3 3"]
-) -> Float[Tensor, "point 3"]:
-    points = np.column_stack([pixels, np.ones(len(pixels))]).astype(np.float64)
-    return torch.from_numpy(points @ np.linalg.inv(intrinsics).T)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from mvsam.build import MODELS
 from mvsam.data.camera_checks import check_intrinsics, check_pose
-from mvsam.data.check.report import camera_warning
+from mvsam.data.check.evidence import camera_warning
 from mvsam.data.depth_range import (
     DepthRange,
     DepthRangeOrAuto,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mvsam.data.check.report import camera_warning
+from mvsam.data.check.evidence import camera_warning
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, share_outside
 from mvsam.data.labels import ClassTable, classes_of_model
 from mvsam.data.sampling import ViewTuple, view_tuples

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvsam.data.check.depth import Verdict, depth_verdict
-from mvsam.data.check.poses import pose_convention_hint
+from mvsam.data.check.depth import Verdict
+from mvsam.data.check.evidence import Evidence
+from mvsam.data.check.features import Features, features_of
 from mvsam.data.depth_range import DepthRange
 from mvsam.data.labels import SCANNET20
 from mvsam.types import IGNORE, Frame, Scene
 
 SAMPLED_FRAMES = 50
 """Evenly spaced frames whose photo, depth and labels are read."""
-FEW_FRAMES = 5
-"""With fewer, photos alone do not accuse the cameras where the depth sees no reason to."""
 
 
 @dataclass(frozen=True)
@@ -47,48 +46,13 @@ class SceneReport:
     asked, which takes ten times as long, because the depth can tell."""
     depth_verdict: Verdict
     """What the depth says about the cameras."""
-
-    @property
-    def advice(self) -> str:
-        """The sentence of the witness that decides."""
-        return _advice(self.depth_verdict, self.photo_hint)
+    features: Features
+    """How precise the cameras are; those that fit the depth may yet be a little off."""
 
     @property
     def is_suspicious(self) -> bool:
         """Whether the cameras seem wrong."""
-        return _is_suspicious(self.depth_verdict, self.photo_hint, self.num_frames)
-
-
-def camera_warning(frames: Sequence[Frame], depth_range: DepthRange) -> str | None:
-    """What seems wrong with the cameras and the remedy; None: nothing.
-
-    It looks at a few dozen frames, whatever the scene's length.
-    """
-    verdict, hint = _witnesses(frames, depth_range)
-    return _advice(verdict, hint) if _is_suspicious(verdict, hint, len(frames)) else None
-
-
-def _witnesses(frames: Sequence[Frame], depth_range: DepthRange) -> tuple[Verdict, str | None]:
-    """(the depth's verdict, the photos' hint where the depth cannot tell)."""
-    verdict = depth_verdict(frames, depth_range)
-    hint = None if verdict.fits is not None else pose_convention_hint(frames, depth_range)
-    return verdict, hint
-
-
-def _advice(verdict: Verdict, hint: str | None) -> str:
-    decides = verdict.fits is not None or hint is None
-    return verdict.sentence if decides else hint or ""
-
-
-def _is_suspicious(verdict: Verdict, hint: str | None, num_frames: int) -> bool:
-    """Depth, where it can tell, overrules the photos.
-
-    Where depth fits no convention, a handful of photos may match another one by chance.
-    """
-    if verdict.fits is not None:
-        return not verdict.fits
-    is_contradicted = bool(verdict.agreement) and num_frames < FEW_FRAMES
-    return hint is not None and not is_contradicted
+        return Evidence(self.num_frames, self.depth_verdict, self.photo_hint).is_suspicious
 
 
 def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneReport:
@@ -99,7 +63,7 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
         _ = frame.image  # a damaged photo is named here, not after an hour
     baselines, turns = _neighbours(frames)
     coverage, depths = _depth_statistics(sampled)
-    verdict, hint = _witnesses(frames, depth_range)
+    evidence = Evidence.of(frames, depth_range)
     return SceneReport(
         name=scene.name,
         num_frames=len(frames),
@@ -113,8 +77,9 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
         depths=depths,
         num_labels=sum(frame.load_labels is not None for frame in frames),
         label_shares=_label_shares(sampled, getattr(scene, "classes", SCANNET20).names),
-        photo_hint=hint,
-        depth_verdict=verdict,
+        photo_hint=evidence.photos,
+        depth_verdict=evidence.depth,
+        features=features_of(scene, depth_range),
     )
 
 

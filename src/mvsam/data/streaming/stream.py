@@ -86,6 +86,9 @@ class DataConfig:
     frame); none: render, or decode, anew every time."""
     assets: str | None = None
     """Folder of an asset pack, whose things and surfaces then occur in the rooms to train on."""
+    views_part: float = 1.0
+    """In half of the samples each view is a part of its photo, as if cameras looked elsewhere
+    through longer lenses: the smallest share of the photo's sides; 1: the whole photos."""
     mirror: bool = False
     """Show every other sample, drawn at random, as in a mirror (all its views, exact cameras)."""
     color_jitter: float = 0.0
@@ -162,6 +165,8 @@ class SampleStream(Dataset[TrainingSample]):
         frames = [scene.frame(index) for index in chosen]
         if config.crop:
             frames = [crop_to_shape(frame, config.size) for frame in frames]
+        if config.views_part < 1 and dice.random() < 0.5:
+            frames = [random_part(frame, config.views_part, dice) for frame in frames]
         if config.mirror and dice.random() < 0.5:
             frames = [mirrored(frame) for frame in frames]
         if any(config.pose_noise):

@@ -1,0 +1,73 @@
+"""Features tell cameras that are a little off from those that fit."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mvsam import weights
+from mvsam.cli import main
+from mvsam.data.check.features import features_of
+from mvsam.data.convert import write_posed_folder
+from mvsam.data.formats import open_scene
+from mvsam.data.streaming.augment import with_pose_noise
+from mvsam.data.wrapped import WrappedScene
+from mvsam.types import Frame
+
+pytest.importorskip("pycolmap")
+
+RANGE = (0.1, 5.0)
+
+
+class Displaced(WrappedScene):
+    """Every camera is off by about so much."""
+
+    def __init__(self, metres: float, degrees: float):
+        super().__init__(open_scene(weights.ASSETS / "sample"))
+        self.by = metres, degrees
+
+    def frame(self, index: int) -> Frame:
+        dice = np.random.default_rng((5, index))
+        return with_pose_noise(super().frame(index), *self.by, dice)
+
+
+class Plain(Displaced):
+    """Photos without anything to see."""
+
+    def frame(self, index: int) -> Frame:
+        frame = super().frame(index)
+        width, height = frame.size
+        return replace(frame, load_image=lambda: np.full((height, width, 3), 128, np.uint8))
+
+
+def test_exact_cameras_are_not_off():
+    features = features_of(Displaced(0.0, 0.0), RANGE)
+    assert features.distance is not None and features.distance < 0.5 and not features.are_off
+
+
+def test_displaced_cameras_are_off():
+    features = features_of(Displaced(0.01, 0.3), RANGE)
+    assert features.are_off and "--poses refined" in features.sentence
+
+
+def test_mistaken_cameras_are_not_imprecise():
+    features = features_of(Displaced(0.02, 8.0), RANGE)
+    assert not features.are_off and "mistaken" in features.sentence
+
+
+def test_plain_photos_cannot_tell():
+    features = features_of(Plain(0.01, 0.3), RANGE)
+    assert features.distance is None and "cannot tell" in features.sentence
+
+
+def test_without_colmap_they_are_not_asked(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    features = features_of(Displaced(0.01, 0.3), RANGE)
+    assert features.distance is None and "the extra colmap" in features.sentence
+
+
+def test_the_verdict_says_what_to_add(tmp_path, capsys):
+    list(write_posed_folder(Displaced(0.01, 0.3), tmp_path / "room"))
+    assert main(["data", "check", str(tmp_path / "room"), "--strict"]) == 0
+    assert "imprecise; add --poses refined to mvsam predict" in capsys.readouterr().out
