@@ -23,7 +23,8 @@ from rich.progress import Progress
 
 from mvsam.apps.bench.cases import Case
 from mvsam.apps.bench.forms import FORMS
-from mvsam.data.streaming.stream import DataConfig, SampleStream, collate_training
+from mvsam.data.streaming.config import DataConfig
+from mvsam.data.streaming.stream import SampleStream, collate_training
 from mvsam.files import write_json, write_whole
 from mvsam.precision import autocast, resolve
 from mvsam.provenance import provenance

@@ -208,6 +208,15 @@ def test_eval_prints_the_scores_as_json(model: FakeModel, room: str, capsys):
     assert set(scores["scenes"]) == {"room"}
 
 
+def test_eval_as_json_says_what_was_measured(model: FakeModel, room: str, capsys):
+    options = ["--data", room, "--views", "2", "--size", "64", "96", "--limit", "1"]
+    assert main(["eval", "any", *options, "--json", "--device", "cpu"]) == 0
+    page = json.loads(capsys.readouterr().out)
+    assert (page["model"], page["data"], page["num_views"]) == ("any", room, 2)
+    assert (page["size"], page["depth_range"], page["poses"]) == ([64, 96], [0.1, 5.0], "given")
+    assert {"command", "commit", "date", "device", "versions"} <= set(page)
+
+
 def test_eval_of_a_model_that_reads_depth_asks_for_it(model: FakeModel, tmp_path: Path, capsys):
     model.reads_depth = True
     write_posed_folder(tmp_path / "room", 4, (128, 96), depth=False)

@@ -10,7 +10,8 @@ from mvsam import rooms
 from mvsam.data import catalog, lazy
 from mvsam.data.catalog import open_data
 from mvsam.data.formats import find_format, open_scene
-from mvsam.data.streaming.stream import DataConfig, SampleStream
+from mvsam.data.streaming.config import DataConfig
+from mvsam.data.streaming.stream import SampleStream
 from mvsam.errors import InputError
 from tests.data.readers.layouts import write_scannet
 from tests.synthetic import write_posed_folder

@@ -13,7 +13,7 @@ from unittest import mock
 import torch
 from torch.nn.modules.batchnorm import _BatchNorm
 
-from mvsam.data.streaming.stream import DataConfig
+from mvsam.data.streaming.config import DataConfig
 from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.driver import train
 from mvsam.training.module import TrainConfig, TrainingModule

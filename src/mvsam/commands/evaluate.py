@@ -84,6 +84,7 @@ class Evaluate:
         from mvsam.evaluation.evaluate import evaluate
         from mvsam.inference.photos import check_size
         from mvsam.inference.reading import one_ahead
+        from mvsam.provenance import provenance
 
         protocol = _protocol(self.protocol)
         check_size(self.size)
@@ -112,7 +113,16 @@ class Evaluate:
                 self.precision,
             )
         if self.json:
-            print_json(scores.as_json())
+            measured = {
+                "model": self.model,
+                "weights_hash": model.weights_hash,
+                "data": self.data,
+                "num_views": samples.num_views,
+                "size": samples.size,
+                "depth_range": samples.depth_range,
+                "poses": self.poses,
+            }
+            print_json(measured | provenance() | scores.as_json())
         else:
             print_table(scores.as_table())
 

@@ -95,7 +95,7 @@ class TupleDataset(Dataset[Sample]):
         truth_size: Size | None = None,
     ):
         self.scenes = scenes if isinstance(scenes, LazyScenes) else list(scenes)
-        self.size, self.depth_range = size, depth_range
+        self.num_views, self.size, self.depth_range = num_views, size, depth_range
         self.truth_size = truth_size or size
         self.semantic_size, self.crop = semantic_size, crop
         self.skipped: list[str] = []

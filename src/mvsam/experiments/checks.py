@@ -9,8 +9,8 @@ from mvsam.build import Inputs, model_spec
 from mvsam.data.catalog import is_rooms, open_data
 from mvsam.data.depth_range import checked_depth_range
 from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.streaming.config import DataConfig
 from mvsam.data.streaming.mixture import parse_sources
-from mvsam.data.streaming.stream import DataConfig
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment
 from mvsam.types import Model

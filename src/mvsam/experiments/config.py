@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mvsam.data.labels import ClassTable
-from mvsam.data.streaming.stream import DataConfig
+from mvsam.data.streaming.config import DataConfig
 from mvsam.files import write_json
 from mvsam.loss_terms import Loss
 from mvsam.provenance import provenance

@@ -9,7 +9,7 @@ sixteenth of that, which says that they run and no more.
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from mvsam.data.streaming.stream import DataConfig
+from mvsam.data.streaming.config import DataConfig
 from mvsam.experiments import recipes
 from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.recipes import Recipe

@@ -8,7 +8,7 @@ card lists the stages of earlier days.
 from dataclasses import replace
 from difflib import get_close_matches
 
-from mvsam.data.streaming.stream import DataConfig
+from mvsam.data.streaming.config import DataConfig
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment, ModelConfig
 from mvsam.experiments.rows import Budget, RowRun, rooms_runs, scannet_runs

@@ -11,8 +11,8 @@ from torch.utils.data import DataLoader
 
 from mvsam.data.dataset import make_views
 from mvsam.data.readers.single_views import SingleViews
+from mvsam.data.streaming.config import DataConfig
 from mvsam.data.streaming.stream import (
-    DataConfig,
     Onward,
     SampleStream,
     TrainingSample,
@@ -318,3 +318,13 @@ def test_samples_have_shares_of_the_pose_noise(config: DataConfig):
         for n in range(8)
     ]
     assert min(off) < 0.003 and 0.006 < max(off) < 0.02
+
+
+def test_half_of_the_samples_are_parts_of_their_photos(config: DataConfig):
+    stream = SampleStream(replace(config, views_part=0.5), seed=1)
+    whole = SampleStream(config, seed=1)[0].views.intrinsics[0, 0, 0, 0].item()
+    lenses = [stream[n].views.intrinsics[0, :, 0, 0] / whole for n in range(40)]
+    assert all(((lens >= 1) & (lens <= 2.1)).all() for lens in lenses)
+    parts = [lens for lens in lenses if (lens > 1).any()]
+    assert 10 < len(parts) < 30, "half of them, by chance"
+    assert all(len(set(lens.tolist())) > 1 for lens in parts), "each view has a part of its own"
