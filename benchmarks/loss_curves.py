@@ -179,7 +179,8 @@ def main() -> None:
         )
     if arguments.out:
         shared = {"batch_size": settings.batch_size, "data": asdict(settings.data)}
-        write_json(arguments.out, {**provenance(), **shared, "models": found})
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        write_json(arguments.out, {**provenance(device), **shared, "models": found})
     if arguments.picture:
         draw(found, arguments.picture)
 

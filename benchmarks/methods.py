@@ -52,7 +52,7 @@ def measured(model: str, num_views: int, device, repeats: int) -> dict:
         "weights_mib": result.weights_mib,
         "ran_on": device,
         "threads": torch.get_num_threads(),
-        **provenance(),
+        **provenance(device),
     }
 
 

@@ -70,7 +70,7 @@ def main() -> None:
             print(name, precision, *(f"{k} {v:.4f}" for k, v in values.items() if v is not None))
         print(name, *(f"{k} {v:.5f}" for k, v in record.items() if k not in PRECISIONS))
     if arguments.out:
-        write_json(arguments.out, {"data": arguments.data, **provenance(), "models": found})
+        write_json(arguments.out, {"data": arguments.data, **provenance(device), "models": found})
 
 
 if __name__ == "__main__":

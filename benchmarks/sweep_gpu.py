@@ -172,7 +172,7 @@ def main() -> None:
             "which comes with PyTorch on Linux, is installed."
         )
     sizes = {name: getattr(arguments, name) for name in ("batch", "views", "width", "height")}
-    record = {**provenance(), "triton": version("triton"), **sizes}
+    record = {**provenance("cuda"), "triton": version("triton"), **sizes}
     record["copy_gb_per_second"] = copy_gb_per_second()
     record["stages"] = []
     print(f"copy {record['copy_gb_per_second']:.0f} GB/s")

@@ -52,7 +52,7 @@ ALLOWED: dict[str, set[str]] = {
     "training": {"types", "errors", "precision", "loss_terms", "evaluation"},
     "inference": MODELS | {"data", "evaluation"},
     "experiments": MODELS
-    | {"encoders", "baselines", "loss_terms", "data", "training", "evaluation"},
+    | {"encoders", "mvs", "baselines", "loss_terms", "data", "training", "evaluation"},
 }
 """What each part may import; `apps`, `commands` and `cli` lie above them all, in this order."""
 

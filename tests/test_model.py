@@ -258,9 +258,9 @@ def test_missing_measured_depth_is_asked_for(evaluated):
         predict(evaluated("sam_semantic_gt_depth"), random_views())
 
 
-def test_measured_depth_cannot_serve_another_reference(evaluated):
+def test_a_model_that_reads_depth_refuses_a_reference_without(evaluated):
     model, views = evaluated("sam_semantic_gt_depth"), random_views(measured=True)
-    with torch.no_grad(), pytest.raises(ValueError, match="belongs to view 0"):
+    with torch.no_grad(), pytest.raises(ValueError, match=r"set views\.measured_depth"):
         model.decode(model.encode(views), views, reference=1)
 
 
@@ -277,6 +277,18 @@ def test_a_reference_that_is_no_view_is_refused(evaluated, reference: int):
         model.decode(model.encode(views), views, reference)
     with pytest.raises(ValueError, match="of views 0 to 2"):
         views.with_reference(reference)
+
+
+def test_measured_depth_of_another_view_goes(evaluated):
+    """It belongs to view 0; a model of RGB views never asked for it."""
+    model, views = evaluated("cas_mvsnet"), random_views(num_views=3)
+    with_depth = replace(views, measured_depth=torch.ones_like(views.images[:, 0, 0]))
+    assert with_depth.with_reference(0).measured_depth is not None
+    assert with_depth.with_reference(1).measured_depth is None
+    with torch.no_grad():
+        first, second = (model.decode(model.encode(v), v, 1).depth for v in (views, with_depth))
+    assert first is not None and second is not None
+    torch.testing.assert_close(first, second)
 
 
 def test_depth_range_is_each_item_s_own(evaluated):

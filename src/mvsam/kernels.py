@@ -7,6 +7,7 @@ import ctypes
 import hashlib
 import logging
 import os
+import platform
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -65,8 +66,10 @@ def _processor() -> bytes:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
-        return b""
-    return "".join(line for line in lines[:40] if line.startswith(("flags", "model name"))).encode()
+        lines = []
+    telling = ("flags", "model name", "Features", "CPU part")  # the latter two on ARM
+    told = [line for line in lines[:40] if line.startswith(telling)]
+    return "".join([platform.machine(), *told]).encode()
 
 
 def _compile(compiler: str, source: Path, library: Path) -> None:

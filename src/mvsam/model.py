@@ -137,7 +137,7 @@ class MultiViewSAM(Model):
         Where there is a prior it weighs the cascade's first hypotheses; without a cascade it is
         only predicted, so that the loss can train it.
 
-        Raises ValueError for a reference that is no view, for another than 0 where `views` brings a
+        Raises ValueError for a reference that is no view, for another than 0 where the model reads
         measured depth, which belongs to view 0, and for a single view where there is a cascade.
         """
         if self.cascade and views.images.shape[1] < 2:  # a symbol, no int, while it is exported

@@ -13,14 +13,14 @@ import torch
 PACKAGES = ("mvsam", "torch", "torchvision", "timm", "lightning", "numpy")
 
 
-def provenance() -> dict:
-    """What every file of results carries."""
+def provenance(device: str | torch.device = "cpu") -> dict:
+    """What every file of results carries; `device` is where it was computed."""
     program = Path(sys.argv[0]).name
     return {
         "command": shlex.join([program, *sys.argv[1:]]),
         "commit": commit(),
         "date": datetime.date.today().isoformat(),
-        "device": device_name(),
+        "device": device_name(device),
         "versions": versions(),
     }
 
@@ -53,10 +53,10 @@ def versions() -> dict[str, str]:
     return found
 
 
-def device_name() -> str:
+def device_name(device: str | torch.device) -> str:
     """The GPU's name, or the processor's."""
-    if torch.cuda.is_available():
-        return torch.cuda.get_device_name()
+    if torch.device(device).type == "cuda":
+        return torch.cuda.get_device_name(device)
     try:
         with open("/proc/cpuinfo") as file:
             return next(x.split(":")[1].strip() for x in file if x.startswith("model name"))

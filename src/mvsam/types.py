@@ -108,10 +108,12 @@ class Views(_TensorStruct):
         return self.images.shape[-1]
 
     def with_reference(self, reference: int) -> "Views":
-        """The same views, this one first; ValueError if the measured depth is another's."""
-        if reference and self.measured_depth is not None:
-            raise ValueError("measured_depth belongs to view 0; it cannot serve another reference")
-        return self.select(self.reference_first(reference))
+        """The same views, this one first; without the measured depth, which is another's.
+
+        ValueError for a number that no view has.
+        """
+        views = self.select(self.reference_first(reference))
+        return replace(views, measured_depth=None) if reference else views
 
     def reference_first(self, reference: int) -> list[int]:
         """Every view once, this one first; ValueError for a number that no view has."""

@@ -137,7 +137,7 @@ def test_several_scenes_get_a_folder_each(model: FakeModel, tmp_path: Path):
 def test_one_broken_scene_does_not_stop_the_others(model: FakeModel, tmp_path: Path, capsys):
     for name in ("a", "b", "c"):
         write_posed_folder(tmp_path / "rooms" / name, 2, (128, 96))
-    np.savetxt(tmp_path / "rooms/b/poses/0001.txt", np.full((4, 4), np.nan))
+    np.savetxt(tmp_path / "rooms/b/poses/0001.txt", 2 * np.eye(4))
     assert predict(str(tmp_path / "rooms"), tmp_path) == 2
     assert "1 of 3 scenes failed" in capsys.readouterr().err
     assert (tmp_path / "out/a/metrics.json").is_file()

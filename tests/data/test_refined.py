@@ -18,6 +18,7 @@ from mvsam.data.streaming.augment import with_pose_noise
 from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.geometry.points import moved, to_pixels, viewing_rays
+from mvsam.geometry.pose import pose_from_rotation_vector
 from mvsam.inference.photos import refine_poses
 from mvsam.types import Frame
 
@@ -78,6 +79,19 @@ def test_cameras_that_fit_stay(caplog):
     refined = RefinedScene(truth)
     assert np.array_equal(refined.frame(3).world_from_cam, truth.frame(3).world_from_cam)
     assert "its cameras fit its photos" in caplog.text
+
+
+def test_a_mistaken_camera_stays_and_is_named_and_moves_no_other(caplog):
+    truth = open_scene(SAMPLE)
+    frames = [Displaced(truth).frame(index) for index in range(5)]
+    turn = pose_from_rotation_vector(np.array([0.0, 0.3, 0.0]), np.array([0.2, 0.0, 0.0]))
+    frames[3] = replace(frames[3], world_from_cam=frames[3].world_from_cam @ turn)
+    found = refined_poses("room", frames)
+    np.testing.assert_allclose(found[3], frames[3].world_from_cam, atol=1e-9)
+    assert f"the camera of {frames[3].name} is mistaken" in caplog.text
+    alone = refined_poses("room", [*frames[:3], frames[4]])
+    for pose, expected in zip([*found[:3], found[4]], alone, strict=True):
+        np.testing.assert_allclose(pose, expected, atol=1e-6)
 
 
 def test_two_runs_agree():

@@ -2,8 +2,15 @@ import numpy as np
 import pytest
 
 from mvsam.data.frusta import Cameras, angle_preference, frustum_overlap
+from mvsam.data.keyframes import keyframes
 from mvsam.data.readers.posed_folder import PosedFolder
-from mvsam.data.sampling import evenly_spaced, rank_sources, view_tuples
+from mvsam.data.sampling import (
+    KEYFRAME_ANGLE_DEG,
+    KEYFRAME_BASELINE,
+    evenly_spaced,
+    rank_sources,
+    view_tuples,
+)
 from mvsam.errors import InputError
 from mvsam.types import Frame
 from tests.synthetic import write_posed_folder
@@ -171,6 +178,20 @@ def test_a_single_photo_is_refused(tmp_path):
 def test_with_one_view_every_photo_stands_alone(tmp_path):
     write_posed_folder(tmp_path)
     assert view_tuples(PosedFolder(tmp_path), 1, DEPTH_RANGE) == ([(0,), (1,), (2,)], [])
+
+
+def test_with_one_view_the_prescribed_references_stand_alone(tmp_path):
+    write_posed_folder(tmp_path, num_frames=4)
+    (tmp_path / "views.txt").write_text("0003 0000 0001\n0001 0002\n")
+    assert view_tuples(PosedFolder(tmp_path), 1, DEPTH_RANGE) == ([(3,), (1,)], [])
+
+
+def test_sources_of_a_long_recording_are_keyframes():
+    frames = [frame(str(index), (0.002 * index, 0, 0)) for index in range(450)]
+    kept = set(keyframes([f.world_from_cam for f in frames], KEYFRAME_BASELINE, KEYFRAME_ANGLE_DEG))
+    tuples, skipped = rank_sources(frames, DEPTH_RANGE, num_views=3)
+    assert not skipped and len(tuples) == 450
+    assert {source for views in tuples for source in views[1:]} <= kept
 
 
 def test_no_view_at_all_is_refused(tmp_path):

@@ -27,4 +27,4 @@ def write_seeds(folder: Path, run: RowRun, pictures: int = 4800, **scores: list[
     count = len(next(iter(scores.values())))
     for seed in range(count):
         own = {name: values[seed] for name, values in scores.items()}
-        write_result(folder, result_of(run, seed, pictures, **own))
+        write_result(folder, result_of(run, seed, pictures, **own), "cpu")

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from mvsam.build import build
 from mvsam.errors import InputError
-from mvsam.experiments.checks import check_settings, check_truth
+from mvsam.experiments.checks import cascade_of, check_settings, check_truth
 from mvsam.experiments.config import Experiment, ModelConfig
 from tests.experiments.small_run import small_experiment
 from tests.synthetic import write_posed_folder
@@ -48,6 +49,37 @@ def test_a_depth_range_that_ends_before_it_begins_is_refused(experiment: Experim
     data = replace(experiment.data, depth_range=(5.0, 0.1))
     with pytest.raises(InputError, match=r"the depth range 5 0\.1 is not one"):
         check_settings(replace(experiment, data=data), 1)
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"pose_noise": (0.0, -0.1)}, r"pose-noise -0\.1; give 0 or more"),
+        ({"color_jitter": float("nan")}, "color-jitter nan; give 0 or more"),
+        ({"views_part": 0.0}, "views-part 0: give a share"),
+        ({"views_part": -1.0}, "views-part -1: give a share"),
+        ({"least_pose_noise_share": 1.5}, r"least-pose-noise-share 1\.5: give a share"),
+        ({"farthest": (7.0, 4.0)}, "farthest 7 4; give the nearer first"),
+        ({"farthest": (0.05, 0.08)}, r"farthest 0\.05 0\.08; .* beyond 0\.1 m"),
+    ],
+)
+def test_augmentation_that_is_none_is_refused(experiment: Experiment, settings: dict, reason: str):
+    with pytest.raises(InputError, match=reason):
+        check_settings(replace(experiment, data=replace(experiment.data, **settings)), 1)
+
+
+def test_cached_features_are_of_pictures_that_come_again(experiment: Experiment):
+    cached = replace(experiment, model=replace(experiment.model, feature_cache="cache"))
+    check_settings(cached, 1)
+    with pytest.raises(InputError, match="feature-cache keeps features of pictures"):
+        check_settings(replace(cached, data=replace(cached.data, views_part=0.5)), 1)
+
+
+def test_stages_are_checkpointed_where_there_are_any(experiment: Experiment):
+    cascade = cascade_of(build("tiny"), experiment)
+    assert not cascade.checkpoint_stages
+    with pytest.raises(InputError, match=r"leave --train\.checkpoint-stages out"):
+        cascade_of(build("tiny_semantic"), experiment)
 
 
 def test_scenes_without_truth_teach_nothing(experiment: Experiment, tmp_path: Path):

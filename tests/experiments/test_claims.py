@@ -77,6 +77,15 @@ def test_rows_that_began_with_different_weights_are_not_compared(tmp_path: Path)
     assert text == "open: they began with different weights"
 
 
+def test_rows_that_began_with_two_versions_of_their_encoder_are_not_compared(tmp_path: Path):
+    write(tmp_path, mvs_sam=[0.1], base=[0.1])
+    for name, digest in (("mvs_sam", "11111111"), ("base", "22222222")):
+        path = tmp_path / f"{name}_rooms-0.json"
+        path.write_text(path.read_text().replace('"random"', f'"rows_encoder {digest}"'))
+    text = judge(Claim("", "base", "mvs_sam"), ROOMS, tmp_path).text
+    assert text == "open: they began with different weights"
+
+
 def test_rows_of_different_length_are_not_compared(tmp_path: Path):
     write(tmp_path, 24_000, mvs_sam=[0.1])
     write(tmp_path, cas_mvsnet=[0.2])

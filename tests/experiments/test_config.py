@@ -9,7 +9,7 @@ from mvsam.training.losses import JointLoss
 
 def test_a_saved_record_holds_every_setting_the_commit_and_the_versions(tmp_path):
     run = find_run("tiny")
-    run.save(tmp_path / "new" / "experiment.json", SCANNET20, "random")
+    run.save(tmp_path / "new" / "experiment.json", SCANNET20, "random", "cpu")
     record = json.loads((tmp_path / "new" / "experiment.json").read_text())
     assert record["model"]["name"] == "tiny" and record["train"]["seed"] == 0
     assert record["optimizer"]["lr"] == run.optimizer.lr and record["data"]["size"] == [320, 256]

@@ -213,7 +213,7 @@ def test_results_of_fewer_steps_are_not_enough(job: Job, folders: Folders):
 
 def note_done(job: Job, folders: Folders) -> None:
     page = replace(result_of(job.run, seed=job.seed), steps=job.steps)
-    write_result(folders.results, page)
+    write_result(folders.results, page, "cpu")
 
 
 def note_weights(job: Job, folders: Folders) -> None:

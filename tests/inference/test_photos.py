@@ -121,8 +121,19 @@ def test_cameras_that_seem_wrong_are_warned_about(monkeypatch, caplog):
     monkeypatch.setattr(
         "mvsam.inference.photos.camera_warning", lambda frames, depth_range: "transpose them"
     )
+    predict(FakeModel(), *photos(2), check_cameras=False)
+    assert not caplog.text
     predict(FakeModel(), *photos(2))
     assert "transpose them" in caplog.text
+
+
+def test_one_camera_may_have_taken_all_photos():
+    images, intrinsics, poses = photos(3)
+    one = predict(FakeModel(), images, np.asarray(intrinsics[0]), poses)
+    each = predict(FakeModel(), images, intrinsics, poses)
+    for first, second in zip(one, each, strict=True):
+        assert first.depth is not None and second.depth is not None
+        assert np.array_equal(first.depth, second.depth)
 
 
 def test_references_may_come_from_a_generator():

@@ -325,9 +325,12 @@ def test_a_model_that_was_trained_for_farther_depths_says_so(scene, out: Path, c
 
 def test_sparse_points_beyond_the_range_are_warned_about(scene, out: Path, caplog):
     """As those of COLMAP's models, which have no unit."""
-    scene.points = 30 * np.random.default_rng(0).normal(size=(20_000, 3))
+    scene.points = 5 * np.random.default_rng(0).normal(size=(20_000, 3))
     predict_scene(FakeModel(), scene, out, references=["0000"])
     assert "of its sparse points lie outside 0.1 to 5 m" in caplog.text
+    scene.points *= 6
+    with pytest.raises(InputError, match=r"100 % of its sparse points .* or --depth-range auto"):
+        predict_scene(FakeModel(), scene, out, references=["0002"])
     caplog.clear()
     scene.points = None
     predict_scene(FakeModel(), scene, out, references=["0001"])

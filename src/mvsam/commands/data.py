@@ -58,7 +58,11 @@ class Check:
         failure = for_each_scene(scenes, check)
         if self.json:
             print_json(
-                [asdict(report) | {"is_suspicious": report.is_suspicious} for report in reports]
+                [
+                    asdict(report)
+                    | {"verdict": report.verdict, "is_suspicious": report.is_suspicious}
+                    for report in reports
+                ]
             )
         if failure is not None:
             raise failure
@@ -215,11 +219,17 @@ def _as_text(report: SceneReport) -> str:
 
 
 def _verdict(report: SceneReport) -> str:
-    if report.is_suspicious:
+    if report.num_frames < 2:
+        return "one photo, and depth needs two or more; add some that overlap it."
+    if report.evidence.is_suspicious:
         return "the cameras are wrong; correct them as said above."
-    if report.features.are_off and report.has_unit:
-        return "the cameras are imprecise; add --poses refined to mvsam predict."
-    if report.depth_verdict.fits:
+    if report.features.mistaken:
+        names = ", ".join(report.features.mistaken)
+        return f"the cameras of {names} are wrong; correct them, or leave those photos out."
+    if report.verdict == "imprecise":
+        unit = "" if report.has_unit else "--scale (poses in metres) and "
+        return f"the cameras are imprecise; add {unit}--poses refined, with another --out."
+    if report.verdict == "fits":
         return "the cameras fit."
     if report.depth_verdict.agreement:
         return "not enough evidence for or against the cameras."

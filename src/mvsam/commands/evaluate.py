@@ -81,9 +81,11 @@ class Evaluate:
     def run(self) -> None:
         from mvsam.convolution import fold_batch_norm
         from mvsam.data.sampling import evenly_spaced
+        from mvsam.device import device_of
         from mvsam.evaluation.evaluate import evaluate
         from mvsam.inference.photos import check_size
         from mvsam.inference.reading import one_ahead
+        from mvsam.precision import resolve
         from mvsam.provenance import provenance
 
         protocol = _protocol(self.protocol)
@@ -113,6 +115,7 @@ class Evaluate:
                 self.precision,
             )
         if self.json:
+            device = device_of(model)
             measured = {
                 "model": self.model,
                 "weights_hash": model.weights_hash,
@@ -121,8 +124,12 @@ class Evaluate:
                 "size": samples.size,
                 "depth_range": samples.depth_range,
                 "poses": self.poses,
+                "scale": self.scale,
+                "tuples": self.tuples,
+                "limit": self.limit,
+                "precision": resolve(self.precision, device.type),
             }
-            print_json(measured | provenance() | scores.as_json())
+            print_json(measured | provenance(device) | scores.as_json())
         else:
             print_table(scores.as_table())
 

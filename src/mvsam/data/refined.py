@@ -8,6 +8,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from math import inf
 
 import numpy as np
 import torch
@@ -26,8 +27,10 @@ GOOD_ENOUGH = 0.7
 """Pixels of a photo 640 wide: the median distance of every camera's matches from their epipolar
 lines. Up to it features say less about the cameras than the cameras do (docs/log.md)."""
 MOST_OFF, AGREED = 8.0, 2.0
-"""Of such pixels: with a larger median before, the cameras are mistaken, not imprecise, as those of
-another convention; with a larger one afterwards, the photos do not agree on others."""
+"""Of such pixels: a camera with a larger median before is mistaken, not imprecise, as those of
+another convention; with a larger one of all afterwards, the photos do not agree on others."""
+MOST_MISTAKEN = 1 / 3
+"""Of the cameras that match; with more, none can be told from the others."""
 SMALLEST_BASELINE = 0.01
 """Metres; nearer cameras have no epipolar lines to speak of."""
 DECIMALS = 9
@@ -79,7 +82,7 @@ def refined_poses(name: str, frames: Sequence[Frame]) -> list[Float[np.ndarray, 
     pairs = _matched_apart(name, frames, given)
     if not pairs:
         return as_given
-    fitted = _fitted(name, given, pairs, pixel_size(frames))
+    fitted = _fitted(name, frames, given, pairs)
     return as_given if fitted is None else list(fitted.numpy().round(DECIMALS))
 
 
@@ -110,30 +113,38 @@ def apart(pairs: Sequence[Matches], poses: Float[Tensor, "view 4 4"]) -> list[Ma
 
 
 def _fitted(
-    name: str, given: Float[Tensor, "view 4 4"], pairs: Sequence[Matches], pixel: float
+    name: str,
+    frames: Sequence[Frame],
+    given: Float[Tensor, "view 4 4"],
+    pairs: Sequence[Matches],
 ) -> Float[Tensor, "view 4 4"] | None:
-    """The corrected poses, None where the given ones are to stay; a message says which and why.
-
-    pixel: its size at z = 1.
-    """
+    """The corrected poses, None where the given ones are to stay; a message says which and why."""
+    pixel = pixel_size(frames)
     distances = epipolar_distances(given, pairs)
     before = torch.cat(distances).median().item() / pixel
-    if worst_camera(distances, pairs) <= GOOD_ENOUGH * pixel:
+    if max(camera_distances(distances, pairs).values()) <= GOOD_ENOUGH * pixel:
         log.info(
             "%s: its cameras fit its photos (features are %.1f pixels from their epipolar lines) "
             "and stay as given.",
             name, before,
         )  # fmt: skip
         return None
+    pairs, mistaken = without_mistaken(given, pairs, MOST_OFF * pixel)
     poses = fit_poses(given, pairs, spread=pixel)
-    after = torch.cat(epipolar_distances(poses, pairs)).median().item() / pixel
-    if before > MOST_OFF or after > AGREED:
+    after = torch.cat(epipolar_distances(poses, pairs)).median().item() / pixel if pairs else inf
+    if after > AGREED:
         log.warning(
             "%s: its photos disagree with its cameras (features are %.1f pixels from their "
             "epipolar lines), which stay as given; mvsam data check may say what is wrong.",
             name, before,
         )  # fmt: skip
         return None
+    for index in mistaken:
+        log.warning(
+            "%s: the camera of %s is mistaken and stays as given (its features are more than %g "
+            "pixels from their epipolar lines in all other photos): correct it, or leave it out.",
+            name, frames[index].name, MOST_OFF,
+        )  # fmt: skip
     moved = sorted({index for pair in pairs for index in (pair.first, pair.second)})
     degrees, metres = _way(given[moved], poses[moved])
     others = len(given) - len(moved)
@@ -146,18 +157,43 @@ def _fitted(
     return poses
 
 
-def worst_camera(distances: Sequence[Float[Tensor, "_match"]], pairs: Sequence[Matches]) -> float:
-    """The largest of the medians over each camera's matches: of a log, a part may be off."""
+def camera_distances(
+    distances: Sequence[Float[Tensor, "_match"]], pairs: Sequence[Matches]
+) -> dict[int, float]:
+    """Camera -> the median over all of its matches: of a log, a part may be off."""
     of_cameras: dict[int, list[Tensor]] = {}
     for pair, found in zip(pairs, distances, strict=True):
         for camera in (pair.first, pair.second):
             of_cameras.setdefault(camera, []).append(found)
-    return max(torch.cat(found).median().item() for found in of_cameras.values())
+    return {index: torch.cat(found).median().item() for index, found in of_cameras.items()}
+
+
+def without_mistaken(
+    given: Float[Tensor, "view 4 4"], pairs: Sequence[Matches], most: float
+) -> tuple[list[Matches], list[int]]:
+    """(the pairs of cameras that are off by `most` at most, the others, worst first).
+
+    A mistaken camera spoils the distances of those that match it, so they go one by one. No pairs
+    where more than `MOST_MISTAKEN` of the cameras would have to go.
+    """
+    kept, mistaken = list(pairs), []
+    num_cameras = len({index for pair in pairs for index in (pair.first, pair.second)})
+    while kept:
+        off = camera_distances(epipolar_distances(given, kept), kept)
+        worst = max(off, key=lambda index: off[index])
+        if off[worst] <= most:
+            return kept, mistaken
+        mistaken.append(worst)
+        if len(mistaken) > MOST_MISTAKEN * num_cameras:
+            break
+        kept = [pair for pair in kept if worst not in (pair.first, pair.second)]
+    return [], mistaken
 
 
 def _way(given: Float[Tensor, "view 4 4"], found: Float[Tensor, "view 4 4"]) -> tuple[float, float]:
     """Medians: (degrees, metres) between two poses of each camera."""
-    traces = torch.einsum("vij,vij->v", given[:, :3, :3], found[:, :3, :3])
-    angles = ((traces - 1) / 2).clamp(-1, 1).acos().rad2deg()
+    # The chord, not the trace: small angles from rotations that a file rounded.
+    chords = (given[:, :3, :3] - found[:, :3, :3]).flatten(1).norm(dim=1)
+    angles = 2 * (chords / 8**0.5).clamp(max=1).asin().rad2deg()
     distances = (given[:, :3, 3] - found[:, :3, 3]).norm(dim=1)
     return angles.median().item(), distances.median().item()

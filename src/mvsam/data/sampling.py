@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
+from jaxtyping import Bool
 
 from mvsam.data.check.poses import pose_convention_hint
 from mvsam.data.depth_range import DepthRange
@@ -35,19 +36,21 @@ def view_tuples(
     """(the tuples to predict, the names of frames skipped because no other frame overlaps them).
 
     A scene that prescribes tuples keeps them, cut to `num_views`; otherwise every frame is a
-    reference, with the sources of `rank_sources`. Raises `InputError` when no tuple is left. With
-    one view, for models of single pictures, every frame stands alone.
+    reference, with the sources of `rank_sources`. With one view, for models of single pictures, the
+    references stand alone. Raises `InputError` when no tuple is left.
     """
     if num_views < 1:
         raise InputError(f"{num_views} views are none; ask for 1, or for stereo for 2 or more.")
+    prescribed = scene.views()
     if num_views == 1:
-        return [(index,) for index in range(len(scene))], []
+        alone = range(len(scene)) if prescribed is None else [views[0] for views in prescribed]
+        return [(reference,) for reference in alone], []
     if len(scene) < 2:
         raise InputError(
             f"{scene.name}: depth needs at least two posed photos, found {len(scene)}; add more."
         )
     frames = [scene.frame(index) for index in range(len(scene))]
-    if (prescribed := scene.views()) is not None:
+    if prescribed is not None:
         cut = [views[:num_views] for views in prescribed]
         tuples, skipped = _drop_blind(frames, cut, depth_range)
     else:
@@ -95,14 +98,19 @@ def rank_sources(
     kept = np.array(keyframes(list(poses), KEYFRAME_BASELINE, KEYFRAME_ANGLE_DEG))
     tuples, skipped = [], []
     for first in range(0, len(frames), MOST_AT_ONCE // 4):
-        references = list(range(first, min(first + MOST_AT_ONCE // 4, len(frames))))
+        references = range(first, min(first + MOST_AT_ONCE // 4, len(frames)))
         middle = np.median(poses[references, :3, 3], axis=0)
         order = np.linalg.norm(poses[kept, :3, 3] - middle, axis=1).argsort(kind="stable")
-        near = [i for i in kept[order].tolist() if i not in set(references)]
+        near = [i for i in kept[order].tolist() if i not in references]
         chosen = [*references, *near[: MOST_AT_ONCE - len(references)]]
         part = [frames[index] for index in chosen]
         found, lonely = _rank_all(
-            part, depth_range, num_views, minimum_baseline, num_references=len(references)
+            part,
+            depth_range,
+            num_views,
+            minimum_baseline,
+            num_references=len(references),
+            is_source=np.isin(chosen, kept),
         )
         tuples += [tuple(chosen[i] for i in views) for views in found]
         skipped += lonely
@@ -115,8 +123,9 @@ def _rank_all(
     num_views: int,
     minimum_baseline: float,
     num_references: int | None = None,
+    is_source: Bool[np.ndarray, " frame"] | bool = True,
 ) -> tuple[list[ViewTuple], list[str]]:
-    """`rank_sources` of the first `num_references` frames, every frame being a candidate."""
+    """`rank_sources` of the first `num_references` frames; `is_source`: which may be sources."""
     cameras = Cameras.of(frames)
     shared = frustum_overlap(cameras, depth_range)
     baselines = np.linalg.norm(cameras.centres[:, None] - cameras.centres[None], axis=-1)
@@ -125,7 +134,7 @@ def _rank_all(
     score = np.where(baselines >= minimum_baseline, usefulness, baselines - minimum_baseline)
     tuples, skipped = [], []
     for reference, frame in enumerate(frames[:num_references]):
-        candidates = np.flatnonzero(shared[reference] >= MINIMUM_OVERLAP)
+        candidates = np.flatnonzero((shared[reference] >= MINIMUM_OVERLAP) & is_source)
         order = candidates[np.argsort(-score[reference, candidates], kind="stable")]
         if len(order):
             tuples.append((reference, *order[: num_views - 1].tolist()))

@@ -13,6 +13,7 @@ from mvsam.data.streaming.config import DataConfig
 from mvsam.data.streaming.mixture import parse_sources
 from mvsam.errors import InputError
 from mvsam.experiments.config import Experiment
+from mvsam.mvs.cascade import DepthCascade
 from mvsam.types import Model
 
 log = logging.getLogger("mvsam")
@@ -42,17 +43,14 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
             f"run {run}: pictures of {data.size[0]}x{data.size[1]}; both sides of --data.size must "
             "be divisible by 32."
         )
-    if experiment.model.feature_cache and (data.mirror or data.color_jitter or data.singles):
+    changes = data.mirror or data.color_jitter or data.singles or data.views_part < 1
+    if experiment.model.feature_cache and changes:
         raise InputError(
             f"run {run}: --model.feature-cache keeps features of pictures that come again, and "
-            "--data.mirror, --data.color-jitter and --data.singles (parts of photos) change them "
-            "every time; leave one of them out."
+            "--data.mirror, --data.color-jitter, --data.views-part and --data.singles (parts of "
+            "photos) change them every time; leave one of them out."
         )
-    if not 0 <= data.least_pose_noise_share <= 1:
-        raise InputError(
-            f"run {run}: --data.least-pose-noise-share {data.least_pose_noise_share:g}: give a "
-            "share, 0 to 1."
-        )
+    _check_augmentation(run, data)
     fewest = data.num_views if data.fewest_views is None else data.fewest_views
     if data.references > fewest:
         raise InputError(
@@ -69,6 +67,31 @@ def check_settings(experiment: Experiment, num_processes: int) -> None:
             f"run {run}: {experiment.model.name} looks at {needed} photos or more, and --data."
             f"{'num' if data.fewest_views is None else 'fewest'}-views is {fewest}."
         )
+
+
+def _check_augmentation(run: str, data: DataConfig) -> None:
+    """InputError for a spread below 0, a share that is none, a range that ends before it begins."""
+    for option, value in (
+        ("--data.pose-noise", min(data.pose_noise)),
+        ("--data.color-jitter", data.color_jitter),
+        ("--data.prompt-noise", data.prompt_noise),
+    ):
+        if not value >= 0:
+            raise InputError(f"run {run}: {option} {value:g}; give 0 or more.")
+    for option, share, may_be_0 in (
+        ("--data.least-pose-noise-share", data.least_pose_noise_share, True),
+        ("--data.views-part", data.views_part, False),
+        ("--data.singles-part", data.singles_part, False),
+    ):
+        if not 0 <= share <= 1 or not (share or may_be_0):
+            raise InputError(f"run {run}: {option} {share:g}: give a share, 0 to 1.")
+    if data.farthest is not None:
+        least, most = data.farthest
+        if not data.depth_range[0] < least <= most:
+            raise InputError(
+                f"run {run}: --data.farthest {least:g} {most:g}; give the nearer first, both "
+                f"beyond {data.depth_range[0]:g} m, where the depth range begins."
+            )
 
 
 def check_model(experiment: Experiment, model: Model) -> None:
@@ -101,6 +124,17 @@ def check_model(experiment: Experiment, model: Model) -> None:
             f"run {experiment.name}: --data.singles have the {len(SCANNET20)} ScanNet classes, the "
             f"model has {model.num_classes}; leave --data.singles out."
         )
+
+
+def cascade_of(model: Model, experiment: Experiment) -> DepthCascade:
+    """The part that `--train.checkpoint-stages` is about; InputError for a model without it."""
+    for part in model.children():
+        if isinstance(part, DepthCascade):
+            return part
+    raise InputError(
+        f"run {experiment.name}: {experiment.model.name} has no cascade of cost volumes; leave "
+        "--train.checkpoint-stages out."
+    )
 
 
 def check_truth(experiment: Experiment) -> None:

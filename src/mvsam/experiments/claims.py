@@ -1,6 +1,8 @@
 """What the paper claims with its tables, and whether the measured rows bear it out."""
 
 import re
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -83,7 +85,7 @@ def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
         measured.append(row)
     if len({row.pictures for row in measured}) > 1:
         return Verdict(claim, published, obstacle="open: they saw different numbers of pictures")
-    if len({hash for row in measured for hash in _package_weights(row.weights)}) > 1:
+    if _differ_in_package_weights(row.weights for row in measured):
         return Verdict(claim, published, obstacle="open: they began with different weights")
     means = [row.means[claim.metric] for row in measured]
     deviations = [row.deviations[claim.metric] for row in measured]
@@ -103,9 +105,13 @@ def judge(claim: Claim, runs: dict[str, RowRun], folder: Path) -> Verdict:
     )
 
 
-def _package_weights(began_with: str) -> list[str]:
-    """The hashes of the package's own weights that a row began with; they change with versions."""
-    return re.findall(r"\btiny (\w+)", began_with)
+def _differ_in_package_weights(beginnings: Iterable[str]) -> bool:
+    """Whether rows began with two versions of a file that comes with the package."""
+    hashes: defaultdict[str, set[str]] = defaultdict(set)
+    for began_with in beginnings:
+        for name, digest in re.findall(r"\b(tiny|rows_encoder) ([0-9a-f]{8})\b", began_with):
+            hashes[name].add(digest)
+    return any(len(found) > 1 for found in hashes.values())
 
 
 def published_gain(claim: Claim) -> float:

@@ -70,10 +70,10 @@ class Experiment:
         """What JSON makes of it: tuples become lists."""
         return json.loads(json.dumps(record_of(self)))
 
-    def save(self, path: Path, classes: ClassTable, began_with: str) -> None:
-        """As JSON, with its classes, its first weights, the command, commit and versions."""
+    def save(self, path: Path, classes: ClassTable, began_with: str, device: str) -> None:
+        """As JSON, with classes, first weights, the command, commit, device and versions."""
         names = {"classes": classes.names, "palette": classes.colors}
-        record = {**record_of(self), **names, "began_with": began_with, **provenance()}
+        record = {**record_of(self), **names, "began_with": began_with, **provenance(device)}
         write_json(path, record)
 
 

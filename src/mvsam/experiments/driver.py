@@ -16,6 +16,7 @@ from mvsam.device import find_device
 from mvsam.encoders.attention import use_plain_attention
 from mvsam.encoders.sam import cache_frozen_features
 from mvsam.experiments.checks import (
+    cascade_of,
     check_model,
     check_settings,
     check_truth,
@@ -35,14 +36,13 @@ from mvsam.provenance import commit
 from mvsam.training.module import TrainingModule
 from mvsam.types import Model
 from mvsam.weights import (
+    ASSETS,
     RUN_PAGE,
-    embedded,
     file_hash,
     layout_channels_last,
     load_encoder,
     load_into,
     load_sam,
-    locate,
     read_tensors,
     save,
 )
@@ -83,7 +83,7 @@ def train(
     model = _model_of_run(experiment, device, is_resumed=last is not None)
     began_with = recorded_beginning(folder / RUN_PAGE) if last is not None else None
     began_with = began_with or first_weights(experiment.model, model.backbone_weights)
-    rank_zero_only(experiment.save)(folder / RUN_PAGE, classes, began_with)
+    rank_zero_only(experiment.save)(folder / RUN_PAGE, classes, began_with, device)
 
     module = _training_module(experiment, model)
     data = ExperimentData(experiment, num_processes)
@@ -145,6 +145,8 @@ def _model_of_run(experiment: Experiment, device: str, is_resumed: bool) -> Mode
     check_model(experiment, model)
     model.input_size = experiment.data.size
     model.semantic_size = experiment.data.semantic_size
+    if experiment.train.checkpoint_stages:
+        cascade_of(model, experiment).checkpoint_stages = True
     return model
 
 
@@ -196,8 +198,9 @@ def first_weights(config: ModelConfig, backbone: str) -> str:
 
 
 def _name_of(path: Path) -> str:
-    if str(path) in embedded():
-        return f"{path} {file_hash(locate(str(path))[0])[:8]}"
+    packaged = ASSETS / f"{path}.safetensors"
+    if packaged.exists():
+        return f"{path} {file_hash(packaged)[:8]}"
     return path.parent.name if path.stem == "model" else path.stem
 
 

@@ -3,7 +3,7 @@
 import json
 import logging
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
@@ -46,10 +46,10 @@ def result_path(folder: Path, run: str, seed: int) -> Path:
     return folder / f"{run}-{seed}.json"
 
 
-def write_result(folder: Path, result: Result) -> Path:
+def write_result(folder: Path, result: Result, device: str) -> Path:
     """Writes it with the command, commit, versions and device; returns the path."""
     path = result_path(folder, result.run, result.seed)
-    write_json(path, {**asdict(result), **provenance()})
+    write_json(path, {**asdict(result), **provenance(device)})
     return path
 
 
@@ -111,26 +111,34 @@ def is_of_row(result: Result, run: RowRun) -> bool:
     return scored_on == expected and is_trained_as(result.experiment, run.experiment)
 
 
-_OF_NO_ACCOUNT = {"steps", "num_classes", "semantic_encoder", "val", "cache", "workers"}
+_OF_NO_ACCOUNT = {
+    *("steps", "num_classes", "semantic_encoder", "val", "cache", "workers"),
+    *("seed", "precision", "sync_batchnorm", "val_every", "checkpoint_every"),
+}
 """Settings of a row's run that may differ: length, of which it must have enough; what training
 fills in; where an encoder's weights lie, as a result says which they were (`Result.weights`); what
-is only watched; where and by whom pictures are read."""
+is only watched; where and by whom pictures are read; the seed; how a device computes."""
 
 
 def is_trained_as(recorded: dict[str, Any], experiment: Experiment) -> bool:
     """Whether recorded settings are those that decide what is learned, but for its length.
 
-    Settings that were not there yet when it was trained do not count.
+    Those that were not there yet when it was trained had what is their default now.
     """
-    wanted = experiment.as_json()
-    if recorded.get("train", {}).get("batch_size") != wanted["train"]["batch_size"]:
-        return False
+    wanted, default = experiment.as_json(), _defaults(experiment)
     return all(
-        recorded[part].get(name, value) == value
-        for part in ("model", "data", "loss", "optimizer")
+        recorded.get(part, {}).get(name, default[part].get(name)) == value
+        for part in ("model", "data", "loss", "optimizer", "train")
         for name, value in wanted[part].items()
         if name not in _OF_NO_ACCOUNT
     )
+
+
+def _defaults(experiment: Experiment) -> dict[str, Any]:
+    """An experiment's settings, but for those that must be given, where nothing is said of them."""
+    parts = ("model", "data", "loss", "optimizer", "train")
+    plain = {part: type(getattr(experiment, part))() for part in parts}
+    return replace(experiment, **plain).as_json()
 
 
 def together(results: Sequence[Result]) -> Measured:

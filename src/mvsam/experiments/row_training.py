@@ -142,7 +142,8 @@ def train_and_score(
         seconds = None if was_begun else time.perf_counter() - start
         (folder / LAST).unlink(missing_ok=True)  # three times the weights, and never needed again
     scores = score(weights, job, progress)
-    return write_result(folders.results, _result(job, weights, scores, seconds))
+    device = find_device(job.accelerator, "--accelerator")
+    return write_result(folders.results, _result(job, weights, scores, seconds), device)
 
 
 def train_jobs(

@@ -37,17 +37,19 @@ SIDE_STEP = 32
 def predict(
     model: Model,
     images: Sequence[Any],
-    intrinsics: Sequence[Any],
+    intrinsics: Sequence[Any] | np.ndarray,
     world_from_cam: Sequence[Any],
     depth_range: DepthRangeOrAuto = (0.1, 5.0),
     references: Sequence[int] | None = None,
     precision: Precision = "auto",
     size: tuple[int, int] | None = None,
+    check_cameras: bool = True,
 ) -> list[PhotoPrediction]:
     """Depth, confidence and labels of each reference, at its photo's own size.
 
     `images` are 2 to 8 photos of one place, H x W x 3 uint8 RGB, of any sizes. `intrinsics` are
-    3x3 as OpenCV calibrates them (centre of the first pixel at (0, 0)), for the photos as given.
+    a 3x3 array for each, or one for all, as OpenCV calibrates them (centre of the first pixel at
+    (0, 0)), for the photos as given.
     `world_from_cam` are 4x4 camera-to-world, metres, axes x right, y down, z forward.
     `depth_range` is (nearest, farthest) in metres, or "auto": an estimate from the poses
     (`data.depth_range`). `references` are indices of photos; all by
@@ -58,7 +60,8 @@ def predict(
 
     Returns one `PhotoPrediction` a reference: `depth` H x W float32 metres, `confidence` H x W
     float32 in 0..1, `labels` H x W uint8; None for what the model does not predict. Warns in the
-    log where the cameras seem wrong. Raises `InputError` that names the photo which is not so.
+    log where the cameras seem wrong, unless `check_cameras` is False: a robot whose cameras were
+    checked once saves that time. Raises `InputError` that names the photo which is not so.
     """
     check_size(size)
     frames = _frames(images, intrinsics, world_from_cam)
@@ -72,7 +75,7 @@ def predict(
         )
     depth_range = resolved_depth_range(depth_range, frames)
     warn_of_other_range(model, depth_range)
-    if warning := camera_warning(frames, depth_range):
+    if check_cameras and (warning := camera_warning(frames, depth_range)):
         log.warning("%s", warning)
     chosen = list(range(len(frames)) if references is None else _as_list(references))
     for reference in chosen:
@@ -97,7 +100,7 @@ def _as_list(references: Any) -> list[Any]:
 
 
 def refine_poses(
-    images: Sequence[Any], intrinsics: Sequence[Any], world_from_cam: Sequence[Any]
+    images: Sequence[Any], intrinsics: Sequence[Any] | np.ndarray, world_from_cam: Sequence[Any]
 ) -> list[Float[np.ndarray, "4 4"]]:
     """Poses that the photos agree on, for `predict`, where those of a tracker are off.
 
@@ -114,8 +117,10 @@ def refine_poses(
 
 
 def _frames(
-    images: Sequence[Any], intrinsics: Sequence[Any], world_from_cam: Sequence[Any]
+    images: Sequence[Any], intrinsics: Sequence[Any] | np.ndarray, world_from_cam: Sequence[Any]
 ) -> list[Frame]:
+    if getattr(intrinsics, "shape", None) == (3, 3):  # one camera took them all
+        intrinsics = [intrinsics] * len(images)
     if not len(images) == len(intrinsics) == len(world_from_cam):
         raise InputError(
             f"{len(images)} images, {len(intrinsics)} intrinsics and {len(world_from_cam)} poses "

@@ -1,7 +1,6 @@
 """`run.json`: what made the files of an output folder, and what it cost."""
 
 import hashlib
-import platform
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from mvsam.device import device_of
 from mvsam.errors import InputError
 from mvsam.memory import peak_memory
 from mvsam.precision import Precision, resolve
-from mvsam.provenance import versions
+from mvsam.provenance import device_name, versions
 from mvsam.types import Frame, Model
 
 IDENTITY = (
@@ -58,7 +57,7 @@ def describe_run(
         "precision": resolve(precision, device_of(model).type),
         "arguments": arguments or {},
         "versions": versions(),
-        "device": device_name(model),
+        "device": _device(model),
     }
 
 
@@ -117,12 +116,11 @@ def hash_of_values(model: nn.Module) -> str:
     return digest.hexdigest()[:16]
 
 
-def device_name(model: Model) -> str:
-    """The GPU's name, or the processor's architecture."""
+def _device(model: Model) -> str:
+    """The GPU's name, or the processor's and the number of threads."""
     device = device_of(model)
-    if device.type == "cuda":
-        return torch.cuda.get_device_name(device)
-    return f"cpu ({platform.machine()}, {torch.get_num_threads()} threads)"
+    threads = "" if device.type == "cuda" else f" ({torch.get_num_threads()} threads)"
+    return device_name(device) + threads
 
 
 def peak_memory_mb() -> dict[str, float]:

@@ -43,7 +43,7 @@ log = logging.getLogger("mvsam")
 
 LEAST_SKEW = 0.01
 """Pixels."""
-MOST_OUTSIDE = 0.25
+MOST_OUTSIDE, ALL_OUTSIDE = 0.25, 0.95
 """Share of the sparse points; few lie beyond a range that fits."""
 
 
@@ -152,13 +152,18 @@ def _scores(
 def _warn_of_points(
     scene: str, frames: Sequence[Frame], points: np.ndarray | None, depth_range: DepthRange
 ) -> None:
+    """Warns where many lie outside the range; InputError where nearly all do."""
     outside = 0.0 if points is None else share_outside(frames, points, depth_range)
-    if outside > MOST_OUTSIDE:
-        log.warning(
-            "%s: %.0f %% of its sparse points lie outside %g to %g m, where no surface is sought: "
-            "give --scale where the poses have no unit, or --depth-range auto.",
-            *(scene, 100 * outside, *depth_range),
-        )
+    if outside <= MOST_OUTSIDE:
+        return
+    sentence = (
+        f"{scene}: {100 * outside:.0f} % of its sparse points lie outside {depth_range[0]:g} to "
+        f"{depth_range[1]:g} m, where no surface is sought: give --scale where the poses have no "
+        "unit, or --depth-range auto."
+    )
+    if outside > ALL_OUTSIDE:
+        raise InputError(sentence)
+    log.warning("%s", sentence)
 
 
 def _warn_of_cameras(

@@ -26,17 +26,18 @@ from mvsam.types import Frame, Model, Prediction, Views
 
 
 class Stopwatch:
-    """Seconds spent in each named stage."""
+    """Seconds spent in each named stage on a device, whose work is waited for."""
 
-    def __init__(self):
+    def __init__(self, device: torch.device):
+        self.device = device
         self.seconds: defaultdict[str, float] = defaultdict(float)
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         start = time.perf_counter()
         yield
-        if torch.cuda.is_available():
-            torch.cuda.synchronize()
+        if self.device.type == "cuda":
+            torch.cuda.synchronize(self.device)
         self.seconds[stage] += time.perf_counter() - start
 
 
@@ -73,7 +74,7 @@ class Session:
         self.size = size or model.input_size
         self.device = device_of(model)
         self.can_encode = hasattr(model, "encode") and hasattr(model, "decode")
-        self.stopwatch = Stopwatch()
+        self.stopwatch = Stopwatch(self.device)
         self._reader = PhotoReader(self._read)
         self._encoded: OrderedDict[str, EncodedPhoto] = OrderedDict()
         self._remembered_photos = remembered_photos

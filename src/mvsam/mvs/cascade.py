@@ -20,7 +20,7 @@ from mvsam.mvs.votes import Scoring, joint_scores
 from mvsam.types import DepthPrior, DepthStage, Views
 
 SMOOTHING = 8
-"""Pixels of the picture to each side that confidence is averaged over."""
+"""Pixels of the picture to each side of one that its confidence is averaged over."""
 
 
 class DepthCascade(nn.Module):
@@ -181,7 +181,7 @@ def combined_confidence(
 def smoothed(
     confidence: Float[Tensor, "batch _height _width"], size: tuple[int, int]
 ) -> Float[Tensor, "batch height width"]:
-    """Mean over 16 pixels of the picture each way, about, upsampled to the picture's `size`.
+    """Mean over a square of some 16 pixels of the picture a side, at the picture's `size`.
 
     Whether a match is right is the same for neighbours, what the mass says of each is noisy.
     """

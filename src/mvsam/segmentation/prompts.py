@@ -82,8 +82,8 @@ def fill_cells(
     depth: Float[Tensor, "batch 1 height width"],
 ) -> tuple[Float[Tensor, "batch 1 height width"], Bool[Tensor, "batch 1 h4 w4"]]:
     """Unknown pixels take the mean of the known ones of their cell; which cells have any."""
-    known = (depth > 0).to(depth.dtype)
-    share = F.avg_pool2d(known, CELL)
-    mean = F.avg_pool2d(depth * known, CELL) / share.clamp(min=1e-6)
-    filled = torch.where(known > 0, depth, F.interpolate(mean, scale_factor=CELL, mode="nearest"))
+    known = depth > 0
+    share = F.avg_pool2d(known.to(depth.dtype), CELL)
+    mean = F.avg_pool2d(torch.where(known, depth, 0), CELL) / share.clamp(min=1e-6)
+    filled = torch.where(known, depth, F.interpolate(mean, scale_factor=CELL, mode="nearest"))
     return filled, share > 0

@@ -37,6 +37,9 @@ class TrainConfig:
     """Modules that learn, by their names in the model, as `cascade.regularizers.0 prior`; all
     others stay as they are, with the statistics of their batch norms. The loss must reach each.
     Empty: whatever the model lets learn."""
+    checkpoint_stages: bool = False
+    """Keep no cost volume of the cascade for the backward pass, which computes each again: less
+    memory, more time, the same gradients."""
     singles_weight: float = 1.0
     """Weight of the labelled single photos' loss beside that of the tuples (`DataConfig.singles`).
     """

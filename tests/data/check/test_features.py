@@ -1,5 +1,6 @@
 """Features tell cameras that are a little off from those that fit."""
 
+import json
 import sys
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from mvsam.data.convert import write_posed_folder
 from mvsam.data.formats import open_scene
 from mvsam.data.streaming.augment import with_pose_noise
 from mvsam.data.wrapped import WrappedScene
+from mvsam.geometry.pose import pose_from_rotation_vector
 from mvsam.types import Frame
 
 pytest.importorskip("pycolmap")
@@ -43,7 +45,8 @@ class Plain(Displaced):
 
 def test_exact_cameras_are_not_off():
     features = features_of(Displaced(0.0, 0.0), RANGE)
-    assert features.distance is not None and features.distance < 0.5 and not features.are_off
+    assert len(features.distances) == 5 and max(features.distances.values()) < 0.5
+    assert not features.are_off and not features.mistaken
 
 
 def test_displaced_cameras_are_off():
@@ -53,21 +56,45 @@ def test_displaced_cameras_are_off():
 
 def test_mistaken_cameras_are_not_imprecise():
     features = features_of(Displaced(0.02, 8.0), RANGE)
-    assert not features.are_off and "mistaken" in features.sentence
+    assert features.mistaken and "mistaken" in features.sentence
+
+
+class OneMistaken(Displaced):
+    """As it is, but for one camera that is turned by ten degrees."""
+
+    def frame(self, index: int) -> Frame:
+        frame = super().frame(index)
+        turn = pose_from_rotation_vector(np.array([0.0, 0.17, 0.0]), np.zeros(3))
+        return replace(frame, world_from_cam=frame.world_from_cam @ turn) if index == 2 else frame
+
+
+def test_one_mistaken_camera_is_named_and_spoils_no_other():
+    scene = OneMistaken(0.0, 0.0)
+    features = features_of(scene, RANGE)
+    name = scene.frame(2).name
+    assert features.mistaken == (name,) and not features.are_off
+    assert all(pixels < 0.7 for photo, pixels in features.distances.items() if photo != name)
+
+
+def test_a_mistaken_camera_makes_the_scene_suspicious(tmp_path, capsys):
+    list(write_posed_folder(OneMistaken(0.0, 0.0), tmp_path / "room"))
+    assert main(["data", "check", str(tmp_path / "room"), "--strict", "--json"]) == 1
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["verdict"] == "wrong" and report["is_suspicious"]
 
 
 def test_plain_photos_cannot_tell():
     features = features_of(Plain(0.01, 0.3), RANGE)
-    assert features.distance is None and "cannot tell" in features.sentence
+    assert not features.distances and "cannot tell" in features.sentence
 
 
 def test_without_colmap_they_are_not_asked(monkeypatch):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     features = features_of(Displaced(0.01, 0.3), RANGE)
-    assert features.distance is None and "the extra colmap" in features.sentence
+    assert not features.distances and "the extra colmap" in features.sentence
 
 
 def test_the_verdict_says_what_to_add(tmp_path, capsys):
     list(write_posed_folder(Displaced(0.01, 0.3), tmp_path / "room"))
     assert main(["data", "check", str(tmp_path / "room"), "--strict"]) == 0
-    assert "imprecise; add --poses refined to mvsam predict" in capsys.readouterr().out
+    assert "imprecise; add --poses refined" in capsys.readouterr().out

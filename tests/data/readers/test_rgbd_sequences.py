@@ -65,7 +65,7 @@ def test_tum_cameras_follow_the_name_of_the_folder(tmp_path):
     folder.mkdir()
     truth = write_tum(folder)
     (folder / "intrinsics.txt").unlink()
-    with pytest.raises(InputError, match="principal point"):  # its camera has 640x480 pixels
+    with pytest.raises(InputError, match="is 64x48"):  # its camera has 640x480 pixels
         open_scene(folder)
     for view, file in zip(truth, sorted((folder / "rgb").iterdir()), strict=True):
         Image.fromarray(view.image).resize((640, 480)).save(file)
@@ -74,6 +74,13 @@ def test_tum_cameras_follow_the_name_of_the_folder(tmp_path):
     frame = open_scene(folder).frame(0)
     np.testing.assert_allclose(frame.intrinsics[0], [517.3, 0, 319.1])
     assert depth_of(frame)[240, 320] == 2.0
+
+
+def test_other_cameras_than_the_benchmark_s_need_intrinsics(tmp_path):
+    write_tum(tmp_path)
+    (tmp_path / "intrinsics.txt").unlink()
+    with pytest.raises(InputError, match=r"64x48, which none .* to .*/intrinsics\.txt"):
+        open_scene(tmp_path)
 
 
 @pytest.mark.parametrize(

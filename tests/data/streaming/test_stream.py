@@ -95,7 +95,7 @@ def test_a_scene_shows_other_tuples_when_it_comes_again(config: DataConfig):
 def test_samples_hold_the_references_first_and_their_own_targets(config: DataConfig):
     views, targets, _ = SampleStream(config, seed=1)[0]
     assert views.images.shape == (1, 3, 3, 32, 32) and len(targets) == 2
-    assert views.measured_depth is None  # it would belong to the first reference alone
+    assert views.with_reference(1).measured_depth is None  # it is the first reference's
     one = SampleStream(replace(config, references=1), seed=1)[0]
     assert one[0].measured_depth is not None
     assert torch.equal(one[0].measured_depth, one[1][0].depth)

@@ -18,7 +18,7 @@ def machine_record(device: str) -> dict:
     """
     is_native = has_native_bfloat16(device)
     return {
-        **provenance(),
+        **provenance(device),
         "ran_on": device,
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads(),

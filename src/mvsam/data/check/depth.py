@@ -83,6 +83,7 @@ def depth_verdict(frames: Sequence[Frame], depth_range: DepthRange) -> Verdict:
     with_depth = with_depth[:: -(-len(with_depth) // MAXIMUM_FRAMES) or 1]
     if len(with_depth) < FEWEST_FRAMES:
         few = f"{counted(len(with_depth), 'frame')} with depth: too few to judge the cameras by."
+        few = few if with_depth else "not asked, because there is none."
         return Verdict(None, few, {})
     view = cache(lambda index: _View.of(with_depth[index]))
     pairs = [

@@ -1,13 +1,13 @@
 """Whether features that photos share lie where the cameras would have them, or a little off."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 
 from mvsam.data.depth_range import DepthRange
 from mvsam.data.matches import match_photos, pixel_size
-from mvsam.data.refined import GOOD_ENOUGH, MOST_OFF, apart, worst_camera
+from mvsam.data.refined import GOOD_ENOUGH, MOST_OFF, apart, camera_distances, without_mistaken
 from mvsam.data.sampling import evenly_spaced, view_tuples
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.geometry.epipolar import epipolar_distances
@@ -21,15 +21,17 @@ NUM_TUPLES, NUM_VIEWS = 4, 3
 class Features:
     """What matched features say about how precise the cameras are."""
 
-    distance: float | None
-    """Pixels (of 640, in wider photos) from their epipolar lines: the median over the matches of
-    the camera that is worst off. None: they cannot tell."""
     sentence: str
+    distances: dict[str, float] = field(default_factory=dict)
+    """Photo -> pixels (of 640, in wider photos) that its features are from their epipolar lines,
+    the median. Empty: they cannot tell."""
+    mistaken: tuple[str, ...] = ()
+    """Photos whose cameras are not imprecise but wrong, worst first."""
 
     @property
     def are_off(self) -> bool:
         """Whether `--poses refined` may correct the cameras."""
-        return self.distance is not None and GOOD_ENOUGH < self.distance <= MOST_OFF
+        return any(GOOD_ENOUGH < pixels <= MOST_OFF for pixels in self.distances.values())
 
 
 def features_of(scene: Scene, depth_range: DepthRange) -> Features:
@@ -41,19 +43,26 @@ def features_of(scene: Scene, depth_range: DepthRange) -> Features:
         poses = torch.from_numpy(np.stack([frame.world_from_cam for frame in frames]))
         pairs = apart(match_photos(scene.name, frames), poses)
     except MissingExtraError:
-        return Features(None, "not asked, which takes the extra colmap.")
+        return Features("not asked, which takes the extra colmap.")
     except InputError:  # no photos overlap, or COLMAP fails: other lines of the report say why
         pairs = []
     if not pairs:
-        return Features(None, "they cannot tell: too few are shared by photos taken apart.")
-    distance = worst_camera(epipolar_distances(poses, pairs), pairs) / pixel_size(frames)
-    return Features(distance, _sentence(distance))
+        return Features("they cannot tell: too few are shared by photos taken apart.")
+    pixel = pixel_size(frames)
+    off = camera_distances(epipolar_distances(poses, pairs), pairs)
+    kept, wrong = without_mistaken(poses, pairs, MOST_OFF * pixel)
+    if kept:  # else a mistaken camera spoils those of the photos it matches
+        off |= camera_distances(epipolar_distances(poses, kept), kept)
+    distances = {frames[index].name: metres / pixel for index, metres in sorted(off.items())}
+    mistaken = tuple(frames[index].name for index in wrong)
+    return Features(_sentence(distances, mistaken), distances, mistaken)
 
 
-def _sentence(distance: float) -> str:
-    where = f"{distance:.1f} pixels from their epipolar lines at the worst camera"
-    if distance <= GOOD_ENOUGH:
+def _sentence(distances: dict[str, float], mistaken: tuple[str, ...]) -> str:
+    worst = max(distances, key=lambda name: distances[name])
+    where = f"{distances[worst]:.1f} pixels from their epipolar lines at the worst camera ({worst})"
+    if mistaken:
+        return f"{where}; {', '.join(mistaken)}: mistaken, not imprecise."
+    if distances[worst] <= GOOD_ENOUGH:
         return f"{where}: as near as features are found."
-    if distance <= MOST_OFF:
-        return f"{where}; --poses refined lets the photos correct the cameras."
-    return f"{where}: the cameras are mistaken, not imprecise."
+    return f"{where}; --poses refined lets the photos correct the cameras."

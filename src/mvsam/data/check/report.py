@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -50,9 +51,23 @@ class SceneReport:
     """How precise the cameras are; those that fit the depth may yet be a little off."""
 
     @property
+    def evidence(self) -> Evidence:
+        """Against all cameras together; single ones are told by `features`."""
+        return Evidence(self.num_frames, self.depth_verdict, self.photo_hint)
+
+    @property
     def is_suspicious(self) -> bool:
-        """Whether the cameras seem wrong."""
-        return Evidence(self.num_frames, self.depth_verdict, self.photo_hint).is_suspicious
+        """Whether cameras seem wrong."""
+        return self.verdict == "wrong"
+
+    @property
+    def verdict(self) -> Literal["wrong", "imprecise", "fits", "unknown"]:
+        """What is to be made of it all; "unknown": nothing speaks for or against the cameras."""
+        if self.evidence.is_suspicious or self.features.mistaken:
+            return "wrong"
+        if self.features.are_off:
+            return "imprecise"
+        return "fits" if self.depth_verdict.fits or self.features.distances else "unknown"
 
 
 def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneReport:
@@ -93,8 +108,8 @@ def _neighbours(frames: Sequence[Frame]) -> tuple[list[float], list[float]]:
         distance[index] = np.inf
         nearest = int(distance.argmin())
         distances.append(distance[nearest])
-        cosine = np.clip(pose[:3, 2] @ poses[nearest, :3, 2], -1, 1)
-        turns.append(np.degrees(np.arccos(cosine)))
+        here, there = pose[:3, 2], poses[nearest, :3, 2]
+        turns.append(np.degrees(np.arctan2(np.linalg.norm(np.cross(here, there)), here @ there)))
     return _spread(distances, (0, 50, 100)), _spread(turns, (0, 50, 100))
 
 

@@ -45,11 +45,7 @@ class ListedScene:
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"{name}: two frames are called {twice}; rename one.")
         _check_shared_intrinsics(name, frames)
-        if num_lost:
-            total = len(frames) + num_lost
-            log.warning(
-                "%s: %d of %d frames have no pose; they are left out.", name, num_lost, total
-            )
+        warn_of_lost(name, len(frames) + num_lost, num_lost)
         self.name = name
         self.classes = classes
         self.points = points
@@ -68,6 +64,14 @@ class ListedScene:
     def views(self) -> list[tuple[int, ...]] | None:
         """The tuples the data prescribe, or None."""
         return self._views
+
+
+def warn_of_lost(scene: str, total: int, num_lost: int) -> None:
+    """Says how many pictures have no pose; InputError where none has one."""
+    if num_lost and num_lost == total:
+        raise InputError(f"{scene}: none of its {total} pictures has a pose; tracking was lost.")
+    if num_lost:
+        log.warning("%s: %d of %d frames have no pose; they are left out.", scene, num_lost, total)
 
 
 def _check_shared_intrinsics(scene: str, frames: Sequence[Frame]) -> None:

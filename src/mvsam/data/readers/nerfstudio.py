@@ -45,15 +45,25 @@ def open_nerfstudio(path: Path) -> ListedScene:
     if not isinstance(entries, list):
         raise InputError(f"{file}: has no list of frames; write it under the key 'frames'.")
     names, classes = _names(entries, file), read_classes(path)
+    listed = list(zip(entries, names, range(len(entries)), strict=True))
+    tracked = [(entry, name, index) for entry, name, index in listed if not _is_lost(entry)]
+    entries = [entry for entry, _, _ in tracked]
     frames = [
         _frame(path, content, entry, name, len(classes), f"{file} frame {index}")
-        for index, (entry, name) in enumerate(zip(entries, names, strict=True))
+        for entry, name, index in tracked
     ]
     _check_one_size(file, content, entries, frames)
     bent = sum(not _distortion({**content, **entry}, str(file)).is_none for entry in entries)
     if bent:
         log.info("%s: %s undistorted while read.", file, counted(bent, "picture"))
-    return ListedScene(path.resolve().name, frames, classes=classes)
+    is_from_colmap = any("colmap_im_id" in entry for entry in entries)
+    return ListedScene(
+        path.resolve().name,
+        frames,
+        classes=classes,
+        num_lost=len(listed) - len(frames),
+        has_unit=not is_from_colmap,
+    )
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -139,6 +149,15 @@ def _map(path: Path, entry: dict, kind: str, size: tuple[int, int], item: str) -
         raise InputError(f"{item}: there is no {kind} map {file}; put it back or remove its key.")
     check_map(file, kind, size)
     return file
+
+
+def _is_lost(entry: dict) -> bool:
+    """Whether its pose is one, but of numbers that are not finite, as where tracking was lost."""
+    try:
+        matrix = np.array(entry.get("transform_matrix"), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return False
+    return matrix.shape in ((3, 4), (4, 4)) and not np.isfinite(matrix).all()
 
 
 def _matrix(entry: dict, item: str) -> np.ndarray:

@@ -4,7 +4,7 @@ Opening a folder reads every small text file and every picture's header, so that
 refused before work begins; pixels are read when a frame is asked for them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from mvsam.data.files import (
     load_photo,
 )
 from mvsam.data.labels import SCANNET20, ClassTable, read_class_table
+from mvsam.data.readers.listed import warn_of_lost
 from mvsam.errors import InputError, counted
 from mvsam.geometry.camera import HALF_PIXEL
 from mvsam.types import Frame
@@ -52,8 +53,17 @@ class PosedFolder:
         intrinsics = read_intrinsics(self.path, self._sizes)
         self._depth = list_maps(self.path, "depth", self._sizes)
         self._labels = list_maps(self.path, "label", self._sizes)
-        self._frames = [self._make_frame(name, photos, poses, intrinsics) for name in photos]
-        self._views = self._read_views()
+        matrices = {name: load_matrix(poses[name], 4, 4, "pose") for name in photos}
+        tracked = [name for name, matrix in matrices.items() if np.isfinite(matrix).all()]
+        self.num_lost = len(photos) - len(tracked)
+        warn_of_lost(self.name, len(photos), self.num_lost)
+        for name in tracked:
+            check_pose(matrices[name], str(poses[name]))
+        self._frames = [
+            self._make_frame(name, photos[name], matrices[name], intrinsics[name])
+            for name in tracked
+        ]
+        self._views = self._read_views(tracked)
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -65,23 +75,29 @@ class PosedFolder:
         """The tuples of `views.txt` (reference, then sources, best first), or None without it."""
         return self._views
 
-    def _make_frame(self, name: str, photos: Files, poses: Files, intrinsics: dict) -> Frame:
-        world_from_cam = load_matrix(poses[name], 4, 4, "pose")
-        check_pose(world_from_cam, str(poses[name]))
+    def _make_frame(
+        self, name: str, photo: Path, world_from_cam: np.ndarray, intrinsics: np.ndarray
+    ) -> Frame:
         depth, labels = self._depth.get(name), self._labels.get(name)
         return Frame(
             name=name,
             size=self._sizes[name],
-            intrinsics=intrinsics[name],
+            intrinsics=intrinsics,
             world_from_cam=world_from_cam,
-            load_image=partial(load_photo, photos[name]),
+            load_image=partial(load_photo, photo),
             load_depth=partial(load_depth, depth) if depth else None,
             load_labels=partial(load_labels, labels, len(self.classes)) if labels else None,
         )
 
-    def _read_views(self) -> list[tuple[int, ...]] | None:
+    def _read_views(self, tracked: Sequence[str]) -> list[tuple[int, ...]] | None:
+        """Without lost photos, and without tuples of which nothing but one photo is left."""
         file = self.path / "views.txt"
-        return read_view_tuples(file, self._sizes) if file.exists() else None
+        if not file.exists():
+            return None
+        names, place = list(self._sizes), {name: index for index, name in enumerate(tracked)}
+        tuples = [[names[i] for i in views] for views in read_view_tuples(file, names)]
+        kept = [[name for name in views if name in place] for views in tuples if views[0] in place]
+        return [tuple(place[name] for name in views) for views in kept if len(views) > 1]
 
 
 def list_photos(path: Path) -> Files:

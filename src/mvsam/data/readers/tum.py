@@ -40,6 +40,8 @@ _CALIBRATIONS = {
 }
 """Colour cameras as the benchmark publishes them: fx, fy, cx, cy; radial; tangential."""
 _DEFAULT = (525.0, 525.0, 319.5, 239.5)
+_SIZE = (640, 480)
+"""(width, height) of photos of all three."""
 
 log = logging.getLogger("mvsam")
 
@@ -52,7 +54,8 @@ def open_tum(path: Path) -> ListedScene:
     """The scene of a sequence's folder, one frame for each photo that has a pose in time.
 
     Intrinsics: `intrinsics.txt` if there is one (3x3, integer pixel centres), else those of the
-    freiburg camera in the folder's name, else 525 pixels with a message.
+    freiburg camera in the folder's name, else 525 pixels with a message; InputError where photos
+    are not of the benchmark's size, so that it cannot be.
     """
     photos = _read_list(path / "rgb.txt")
     depths = _read_list(path / "depth.txt") if (path / "depth.txt").is_file() else []
@@ -80,6 +83,11 @@ def _frame(
 ) -> Frame:
     file = file_inside(path, photo, str(path / "rgb.txt"))
     size = check_photo(file)
+    if size != _SIZE and not (path / "intrinsics.txt").is_file():
+        raise InputError(
+            f"{file}: is {size[0]}x{size[1]}, which none of the benchmark's cameras takes: write "
+            f"your camera's 3x3 intrinsics, in OpenCV's convention, to {path / 'intrinsics.txt'}."
+        )
     depth_file = None if depth is None else file_inside(path, depth, str(path / "depth.txt"))
     if depth_file is not None:
         check_map(depth_file, "depth", size)
@@ -117,7 +125,11 @@ def _camera(path: Path) -> tuple[Float[np.ndarray, "3 3"], Distortion]:
         values, radial, tangential = _CALIBRATIONS[match[0]]
         lens = Distortion("brown", radial, tangential)
         return corner_intrinsics(*values, has_integer_centres=True), lens
-    log.warning("%s: not named after a freiburg camera; taking a focal length of 525.", path)
+    log.warning(
+        "%s: not named after a freiburg camera; taking a focal length of 525 pixels. Write your "
+        "camera's 3x3 intrinsics to intrinsics.txt there.",
+        path,
+    )
     return corner_intrinsics(*_DEFAULT, has_integer_centres=True), Distortion()
 
 

@@ -81,8 +81,6 @@ class SampleStream(Dataset[TrainingSample]):
         if config.color_jitter:
             views = _recoloured(views, config.color_jitter, dice)
         views = _prompted(views, config.prompt_noise, dice)
-        if config.references > 1:  # measured depth belongs to view 0 alone
-            views = replace(views, measured_depth=None)
         targets = [make_targets(frame, config.size) for frame in frames[: config.references]]
         singles = None if self._singles is None else self._singles[n]
         return TrainingSample(views, targets, singles)
