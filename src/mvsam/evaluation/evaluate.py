@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 from rich.table import Table
 from torch import Tensor, nn
 
@@ -178,23 +179,29 @@ def score_item(
     if labels is not None and logits is not None:
         predicted = at_truth_size(labels[item], protocol.truth_size)
         label_scores = ConfusionMatrix.of_labels(predicted, targets.labels[item], logits.shape[1])
-    return SceneScores(1, labels=label_scores, **_score_depth(prediction, targets, item, protocol))
-
-
-def _score_depth(prediction: Prediction, targets: Targets, item: int, protocol: Protocol) -> dict:
-    """The fields of `SceneScores` that depth has; none without it."""
     if prediction.depth is None:
-        return {}
-    truth = targets.depth[item]
-    valid = protocol.valid_depth(truth)
-    depth = protocol.compared_depth(
-        at_truth_size(prediction.depth[item], protocol.truth_size).float()
+        return SceneScores(1, labels=label_scores)
+    depth, confidence = (
+        None if maps is None else at_truth_size(maps[item], protocol.truth_size).float()
+        for maps in (prediction.depth, prediction.confidence)
     )
-    scores = {"depth": DepthMetrics.of_image(depth, truth, valid)}
-    if prediction.confidence is None:
-        return scores
-    confidence = at_truth_size(prediction.confidence[item], protocol.truth_size).float()
-    return scores | {"confidence": Sparsification.of_image(depth, confidence, truth, valid)}
+    assert depth is not None
+    scores = score_depth(depth, confidence, targets.depth[item], protocol)
+    return SceneScores(1, labels=label_scores, **scores)
+
+
+def score_depth(
+    depth: Float[Tensor, "height width"],
+    confidence: Float[Tensor, "height width"] | None,
+    truth: Float[Tensor, "height width"],
+    protocol: Protocol,
+) -> dict[str, Any]:
+    """The fields of `SceneScores` that depth has, and confidence; metres, at the truth's size."""
+    valid, compared = protocol.valid_depth(truth), protocol.compared_depth(depth)
+    scores: dict[str, Any] = {"depth": DepthMetrics.of_image(compared, truth, valid)}
+    if confidence is not None:
+        scores["confidence"] = Sparsification.of_image(compared, confidence, truth, valid)
+    return scores
 
 
 def at_truth_size(

@@ -13,10 +13,9 @@ from PIL import Image
 
 from mvsam.data.dataset import make_targets
 from mvsam.data.transforms import resize_nearest
-from mvsam.evaluation.evaluate import SceneScores, Scores
-from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics
+from mvsam.evaluation.evaluate import SceneScores, Scores, score_depth
+from mvsam.evaluation.metrics import ConfusionMatrix
 from mvsam.evaluation.protocols import PROTOCOLS, Protocol
-from mvsam.evaluation.sparsification import Sparsification
 from mvsam.files import write_json
 from mvsam.geometry.depth_map import from_millimetres
 from mvsam.inference.outputs import OutputFolder
@@ -52,21 +51,19 @@ def _score_photo(
     folder: OutputFolder, frame: Frame, protocol: Protocol, num_classes: int | None
 ) -> SceneScores:
     targets = make_targets(frame, protocol.truth_size)
-    depth, labels = targets.depth[0], targets.labels[0]
 
     def written(kind: str) -> np.ndarray:
         with Image.open(folder.file(kind, frame.name)) as picture:
             return resize_nearest(np.asarray(picture), protocol.truth_size)
 
-    depth_scores = label_scores = confidence_scores = None
+    scores = {}
     if "depth" in folder.kinds:
-        predicted = torch.from_numpy(from_millimetres(written("depth")))
-        valid = protocol.valid_depth(depth)
-        depth_scores = DepthMetrics.of_image(predicted, depth, valid)
+        depth = torch.from_numpy(from_millimetres(written("depth")))
+        confidence = None
         if "confidence" in folder.kinds:
             confidence = torch.from_numpy(written("confidence").astype(np.float32))
-            confidence_scores = Sparsification.of_image(predicted, confidence, depth, valid)
+        scores |= score_depth(depth, confidence, targets.depth[0], protocol)
     if "labels" in folder.kinds and num_classes is not None:
-        predicted = torch.from_numpy(written("labels").astype(np.int64))
-        label_scores = ConfusionMatrix.of_labels(predicted, labels, num_classes)
-    return SceneScores(1, depth_scores, label_scores, confidence_scores)
+        labels = torch.from_numpy(written("labels").astype(np.int64))
+        scores["labels"] = ConfusionMatrix.of_labels(labels, targets.labels[0], num_classes)
+    return SceneScores(1, **scores)
