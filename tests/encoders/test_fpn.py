@@ -12,6 +12,6 @@ def test_levels_are_a_quarter_half_and_full_size_with_32_16_and_8_channels():
     assert [level.shape[1:] for level in levels] == [(32, 8, 16), (16, 16, 32), (8, 32, 64)]
 
 
-def test_outputs_are_linear_maps_that_take_both_signs():
+def test_levels_take_both_signs():
     for level in FeaturePyramid().eval()(torch.rand(1, 3, 32, 32)):
         assert level.min() < 0 < level.max()

@@ -12,6 +12,6 @@ def test_levels_have_one_two_and_four_times_the_size_of_the_features():
     assert [level.shape[1:] for level in levels] == [(32, 8, 10), (16, 16, 20), (8, 32, 40)]
 
 
-def test_outputs_are_linear_maps_that_take_both_signs():
+def test_levels_take_both_signs():
     for level in SemanticPyramid(12).eval()(torch.rand(1, 12, 8, 8)):
         assert level.min() < 0 < level.max()
