@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image
 
+from mvsam.data.about import About
 from mvsam.data.files import load_matrix
 from mvsam.data.labels import SCANNET20
 from mvsam.data.readers.posed_folder import read_classes
@@ -86,7 +87,7 @@ def _check_no_skew(scene: str, frames: Sequence[Frame]) -> None:
 
 
 def _posed_frames(scene: Scene) -> list[Frame]:
-    if not getattr(scene, "has_poses", True):
+    if not About.of(scene).has_poses:
         raise InputError(
             f"{scene.name}: is a photo without pose, and both forms need one for each photo; "
             "--poses colmap finds those of photos of one room."
@@ -147,7 +148,7 @@ def _check_same_cameras(
 
 def _check_same_classes(scene: Scene, folder: Path) -> None:
     has_labels = next(folder.glob("labels/[!.]*"), None) is not None
-    if has_labels and read_classes(folder) != getattr(scene, "classes", SCANNET20):
+    if has_labels and read_classes(folder) != About.of(scene).classes:
         raise InputError(
             f"{folder / 'labels'}: holds labels of other classes than those of {scene.name}; give "
             "another folder as --out, or remove that one."
@@ -170,7 +171,7 @@ def _write_pixels(frame: Frame, folder: Path, place: str, photos: PhotoFormat) -
 
 def _write_classes(scene: Scene, folder: Path) -> None:
     """`classes.json`, or none for ScanNet's 20."""
-    classes, path = getattr(scene, "classes", SCANNET20), folder / "classes.json"
+    classes, path = About.of(scene).classes, folder / "classes.json"
     if classes == SCANNET20:
         path.unlink(missing_ok=True)
         return

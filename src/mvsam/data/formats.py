@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from mvsam.data.about import About
 from mvsam.data.readers.arkitscenes import is_arkitscenes, open_arkitscenes
 from mvsam.data.readers.colmap import is_colmap, open_colmap
 from mvsam.data.readers.icl_nuim import is_icl_nuim, open_icl_nuim
@@ -89,7 +90,7 @@ def open_scene(
             "folder depth/ away."
         )
     scene = in_metres(scene, parsed_scale)
-    if not getattr(scene, "has_unit", True):
+    if not About.of(scene).has_unit:
         log.warning(
             "%s: a COLMAP model has no unit, so its scale is unknown; depths are metric only if it "
             "was aligned, or with --scale, metres a unit or between the cameras of two photos.",

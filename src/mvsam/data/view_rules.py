@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from mvsam.data.about import About
 from mvsam.data.depth_range import DepthRangeOrAuto, estimate_depth_range
 from mvsam.data.keyframes import keyframes
 from mvsam.data.lazy import LazyScenes, changed
@@ -111,7 +112,7 @@ def keyframe_tuples(scene: Scene, num_views: int, depth_range: DepthRangeOrAuto)
     """The keyframes as references, each with the best sources among the others."""
     frames = [scene.frame(index) for index in range(len(scene))]
     if depth_range == "auto":
-        depth_range = estimate_depth_range(frames, getattr(scene, "points", None))
+        depth_range = estimate_depth_range(frames, About.of(scene).points)
     kept = keyframes([frame.world_from_cam for frame in frames])
     tuples, _ = rank_sources([frames[i] for i in kept], depth_range, num_views)
     return [tuple(kept[i] for i in views) for views in tuples]

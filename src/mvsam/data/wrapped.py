@@ -4,27 +4,21 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from mvsam.data.labels import SCANNET20, ClassTable
+from mvsam.data.about import About
+from mvsam.data.labels import ClassTable
 from mvsam.types import Frame, Scene
 
 log = logging.getLogger("mvsam")
 
 
 class WrappedScene:
-    """The same scene; subclasses change one thing.
-
-    points: sparse points of its surfaces in world axes, point x 3, where its format has some.
-    num_lost: pictures of it that have no pose. has_unit: whether its poses are in metres.
-    """
+    """The same scene, with what its format says of it (`About`); subclasses change one thing."""
 
     def __init__(self, scene: Scene):
         self._scene = scene
-        self.classes: ClassTable = getattr(scene, "classes", SCANNET20)
-        self.points: np.ndarray | None = getattr(scene, "points", None)
-        self.num_lost: int = getattr(scene, "num_lost", 0)
-        self.has_unit: bool = getattr(scene, "has_unit", True)
+        about = About.of(scene)
+        self.classes, self.points, self.num_lost = about.classes, about.points, about.num_lost
+        self.has_unit, self.has_poses = about.has_unit, about.has_poses
 
     @property
     def name(self) -> str:

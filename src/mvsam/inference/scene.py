@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mvsam.data.about import About
 from mvsam.data.check.evidence import camera_warning
 from mvsam.data.depth_range import DepthRange, DepthRangeOrAuto, share_outside
 from mvsam.data.labels import ClassTable, classes_of_model
@@ -94,7 +95,7 @@ def predict_scene(
     check_size(size)
     num_views = _views_for(model, num_views)
     frames = [scene.frame(index) for index in range(len(scene))]
-    points = getattr(scene, "points", None)
+    points = About.of(scene).points
     depth_range = resolved_depth_range(depth_range, frames, points)
     warn_of_other_range(model, depth_range)
     _warn_of_points(scene.name, frames, points, depth_range)
@@ -145,7 +146,7 @@ def _scores(
     folder: OutputFolder, scene: Scene, frames: Sequence[Frame], classes: ClassTable
 ) -> Scores | None:
     """Of what lies in the folder; labels count where the scene's classes are the model's."""
-    is_same = getattr(scene, "classes", classes).names == classes.names
+    is_same = About.of(scene).classes.names == classes.names
     return score_folder(folder, scene.name, frames, len(classes) if is_same else None)
 
 

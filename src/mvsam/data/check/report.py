@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 
+from mvsam.data.about import About
 from mvsam.data.check.depth import Verdict
 from mvsam.data.check.evidence import Evidence
 from mvsam.data.check.features import Features, features_of
 from mvsam.data.depth_range import DepthRange
-from mvsam.data.labels import SCANNET20
 from mvsam.types import IGNORE, Frame, Scene
 
 SAMPLED_FRAMES = 50
@@ -78,12 +78,12 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
         _ = frame.image  # a damaged photo is named here, not after an hour
     baselines, turns = _neighbours(frames)
     coverage, depths = _depth_statistics(sampled)
-    evidence = Evidence.of(frames, depth_range)
+    evidence, about = Evidence.of(frames, depth_range), About.of(scene)
     return SceneReport(
         name=scene.name,
         num_frames=len(frames),
-        has_unit=getattr(scene, "has_unit", True),
-        num_lost=getattr(scene, "num_lost", 0),
+        has_unit=about.has_unit,
+        num_lost=about.num_lost,
         sizes=sorted({frame.size for frame in frames}),
         baselines=baselines,
         turns=turns,
@@ -91,7 +91,7 @@ def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneRep
         depth_coverage=coverage,
         depths=depths,
         num_labels=sum(frame.load_labels is not None for frame in frames),
-        label_shares=_label_shares(sampled, getattr(scene, "classes", SCANNET20).names),
+        label_shares=_label_shares(sampled, about.classes.names),
         photo_hint=evidence.photos,
         depth_verdict=evidence.depth,
         features=features_of(scene, depth_range),
