@@ -29,8 +29,12 @@ def test_a_wrong_photo_is_filtered_out(folder: Path):
     with Image.open(views[1].depth_path) as picture:
         depth = np.array(picture)
     Image.fromarray((depth * 0.7).astype(np.uint16)).save(views[1].depth_path)
-    cloud = build_cloud(views, CloudSettings(voxel_size=0.05))
+    shares: dict[str, float] = {}
+    cloud = build_cloud(views, CloudSettings(voxel_size=0.05), shares.__setitem__)
     assert distance_to_walls(cloud.points).max() < 0.05
+    wrong = views[1].photo_path.stem
+    assert len(shares) == len(views) and shares[wrong] < 0.1
+    assert all(share > 0.5 for name, share in shares.items() if name != wrong)
     unfiltered = CloudSettings(voxel_size=0.05, minimum_consistent_views=0)
     assert distance_to_walls(build_cloud(views, unfiltered).points).max() > 0.3
 

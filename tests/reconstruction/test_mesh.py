@@ -90,7 +90,7 @@ def test_a_missing_library_is_named_before_any_work(folder: Path, monkeypatch, l
     monkeypatch.setitem(sys.modules, library, None)
     photos = []
     with pytest.raises(MissingExtraError, match=r"pip install 'mvsam\[reconstruct\]'"):
-        build_mesh(read_predictions(folder), SETTINGS, lambda: photos.append(1))
+        build_mesh(read_predictions(folder), SETTINGS, lambda name, share: photos.append(name))
     assert not photos
 
 

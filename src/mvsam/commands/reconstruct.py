@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
@@ -40,11 +42,23 @@ class Reconstruct:
     )
 
     def run(self) -> None:
-        print(f"{self.out}: {size_of(reconstruct(self))}")
+        shares: dict[str, float] = {}
+        model = reconstruct(self, shares.__setitem__)
+        least = min(shares, key=lambda name: shares[name])
+        typical = median(shares.values())
+        print(
+            f"{self.out}: {size_of(model)}; {typical:.0%} of a photo's depths passed (median), "
+            f"least of {least}: {shares[least]:.0%}"
+        )
 
 
-def reconstruct(arguments: Reconstruct) -> Model3D:
-    """Builds the cloud or the mesh with a progress bar and writes it."""
+def reconstruct(
+    arguments: Reconstruct, on_photo: Callable[[str, float], None] = lambda name, share: None
+) -> Model3D:
+    """Builds the cloud or the mesh with a progress bar and writes it.
+
+    `on_photo` is called after each photo with its name and the share of its depths that passed.
+    """
     from mvsam.files import writable_folder
     from mvsam.reconstruction.cloud import build_cloud
     from mvsam.reconstruction.export import check_target, colored_by_label, write_model
@@ -59,7 +73,12 @@ def reconstruct(arguments: Reconstruct) -> Model3D:
     with progress_bar() as progress:
         task = progress.add_task("reconstruct", total=len(views))
         build = build_mesh if arguments.mesh else build_cloud
-        model = build(views, arguments.settings, lambda: progress.advance(task))
+
+        def advance(name: str, share: float) -> None:
+            progress.advance(task)
+            on_photo(name, share)
+
+        model = build(views, arguments.settings, advance)
     if arguments.color == "label":
         model = colored_by_label(model, views[0].palette())
     write_model(arguments.out, model)

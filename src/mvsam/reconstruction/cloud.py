@@ -13,6 +13,8 @@ from mvsam.reconstruction.folder import DepthView
 from mvsam.reconstruction.settings import CloudSettings
 from mvsam.types import IGNORE
 
+OnPhoto = Callable[[str, float], None]
+"""Called after each photo with its name and the share of its depths that passed, 0..1."""
 KEY_BITS = 18
 """Bits of one voxel coordinate inside a 64-bit key, beside 8 bits of label."""
 
@@ -120,16 +122,15 @@ def _sum_by_key(
 def build_cloud(
     views: Sequence[DepthView],
     settings: CloudSettings,
-    on_photo: Callable[[], None] = lambda: None,
+    on_photo: OnPhoto = lambda name, share: None,
 ) -> PointCloud:
-    """The labelled cloud of all depths that pass the filters; `on_photo` is called after each.
+    """The labelled cloud of all depths that pass the filters.
 
     Raises `NothingLeft` when no depth survives.
     """
     grid = VoxelGrid(settings.voxel_size)
-    for view, depth in trusted_depths(views, settings):
+    for view, depth in trusted_depths(views, settings, on_photo):
         grid.add(points_of(view, depth))
-        on_photo()
     cloud = grid.cloud()
     if not len(cloud):
         raise NothingLeft(f"no depth passed the filters: {remedy(views, settings)}")
@@ -147,11 +148,11 @@ def remedy(views: Sequence[DepthView], settings: CloudSettings) -> str:
 
 
 def trusted_depths(
-    views: Sequence[DepthView], settings: CloudSettings
+    views: Sequence[DepthView], settings: CloudSettings, on_photo: OnPhoto
 ) -> Iterator[tuple[DepthView, Float[np.ndarray, "height width"]]]:
     """Every photo with its depth map, metres, in which only depths that pass the filters are left.
 
-    The others are 0.
+    The others are 0. `on_photo` is called when the photo's have been used.
     """
     # Each depth is read as a reference and again as a neighbour: keep the recent ones.
     read_depth = lru_cache(maxsize=4 * settings.neighbours)(lambda index: views[index].depth())
@@ -169,6 +170,7 @@ def trusted_depths(
             settings.relative_tolerance,
         )
         yield view, np.where(keep, depth, 0)
+        on_photo(view.photo_path.stem, float(keep.sum() / max((depth > 0).sum(), 1)))
 
 
 def points_of(view: DepthView, depth: Float[np.ndarray, "height width"]) -> PointCloud:

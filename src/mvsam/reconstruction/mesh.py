@@ -1,6 +1,6 @@
 """A labelled surface: its shape from all trusted depths, colours and labels from the cloud."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 
@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from mvsam.errors import MissingExtraError
 from mvsam.reconstruction.cloud import (
     NothingLeft,
+    OnPhoto,
     PointCloud,
     VoxelGrid,
     points_of,
@@ -37,19 +38,18 @@ class Mesh:
 def build_mesh(
     views: Sequence[DepthView],
     settings: CloudSettings,
-    on_photo: Callable[[], None] = lambda: None,
+    on_photo: OnPhoto = lambda name, share: None,
 ) -> Mesh:
-    """The labelled surface of all depths that pass the filters; `on_photo` is called after each.
+    """The labelled surface of all depths that pass the filters.
 
     Every vertex takes colour, label and confidence of the nearest point of the cloud.
     Raises `NothingLeft` when there is no surface, and `MissingExtraError`.
     """
     check_libraries()
     grid, volume = VoxelGrid(settings.voxel_size), TsdfVolume(settings.voxel_size)
-    for view, depth in trusted_depths(views, settings):
+    for view, depth in trusted_depths(views, settings, on_photo):
         grid.add(points_of(view, depth))
         volume.add(view, depth, np.maximum(view.confidence(), 1e-3))
-        on_photo()
     vertices, faces = _large_pieces(*volume.surface())
     if not len(faces):
         raise NothingLeft(

@@ -77,7 +77,7 @@ def _cloud(
         return "", False
     views = read_predictions(folder)
     try:
-        cloud = build_cloud(views, settings, on_step)
+        cloud = build_cloud(views, settings, lambda name, share: on_step())
     except NothingLeft as nothing:
         return sections.section("Point cloud", sections.no_cloud(str(nothing))), False
     viewer = _filled(
