@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from mvsam import weights
 from mvsam.cli import main
 from mvsam.data.catalog import open_data
 from mvsam.data.convert import write_posed_folder
 from mvsam.data.formats import open_scene
-from mvsam.data.refined import RefinedScene, refined_poses
+from mvsam.data.refined import RefinedScene, refined_poses, without_mistaken
 from mvsam.data.streaming.augment import with_pose_noise
 from mvsam.data.wrapped import WrappedScene
 from mvsam.errors import InputError, MissingExtraError
+from mvsam.geometry.epipolar import Matches
 from mvsam.geometry.points import moved, to_pixels, viewing_rays
 from mvsam.geometry.pose import pose_from_rotation_vector
 from mvsam.inference.photos import refine_poses
@@ -92,6 +94,37 @@ def test_a_mistaken_camera_stays_and_is_named_and_moves_no_other(caplog):
     alone = refined_poses("room", [*frames[:3], frames[4]])
     for pose, expected in zip([*found[:3], found[4]], alone, strict=True):
         np.testing.assert_allclose(pose, expected, atol=1e-6)
+
+
+def test_cameras_that_fit_stay_beside_a_mistaken_one(caplog):
+    truth = open_scene(SAMPLE)
+    frames = [truth.frame(index) for index in range(5)]
+    turn = pose_from_rotation_vector(np.array([0.0, 0.3, 0.0]), np.array([0.2, 0.0, 0.0]))
+    frames[3] = replace(frames[3], world_from_cam=frames[3].world_from_cam @ turn)
+    found = refined_poses("room", frames)
+    assert all(np.array_equal(p, f.world_from_cam) for p, f in zip(found, frames, strict=True))
+    assert f"the camera of {frames[3].name} is mistaken" in caplog.text
+    assert "its other cameras fit its photos" in caplog.text
+
+
+def test_who_matches_none_but_a_mistaken_camera_is_not_accused():
+    """Cameras 0 to 3 match each other, 4 matches 3 alone, and 3 is wrong."""
+    dice = np.random.default_rng(0)
+    world = torch.from_numpy(dice.uniform((-1, -1, 2), (1, 1, 4), (60, 3)))
+    poses = torch.eye(4, dtype=torch.float64).repeat(5, 1, 1)
+    poses[:, 0, 3] = 0.1 * torch.arange(5)
+
+    def rays(camera: int) -> torch.Tensor:
+        points = world - poses[camera, :3, 3]
+        return points / points[:, 2:]
+
+    known = [(i, j) for i in range(4) for j in range(i)] + [(4, 3)]
+    pairs = [Matches(i, j, rays(i), rays(j)) for i, j in known]
+    wrong = poses.clone()
+    wrong[3, 1, 3] += 0.3
+    kept, mistaken = without_mistaken(wrong, pairs, most=0.01)
+    assert mistaken == [3]
+    assert {(pair.first, pair.second) for pair in kept} == {(1, 0), (2, 0), (2, 1)}
 
 
 def test_two_runs_agree():

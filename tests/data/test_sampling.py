@@ -194,6 +194,12 @@ def test_sources_of_a_long_recording_are_keyframes():
     assert {source for views in tuples for source in views[1:]} <= kept
 
 
+def test_a_recording_that_hardly_moves_has_sources_all_the_same():
+    frames = [frame(str(index), (0.0001 * index, 0, 0)) for index in range(450)]
+    tuples, skipped = rank_sources(frames, DEPTH_RANGE, num_views=3)
+    assert not skipped and all(len(views) == 3 for views in tuples)
+
+
 def test_no_view_at_all_is_refused(tmp_path):
     write_posed_folder(tmp_path)
     with pytest.raises(InputError, match="0 views are none"):

@@ -332,6 +332,12 @@ def test_sparse_points_beyond_the_range_are_warned_about(scene, out: Path, caplo
     with pytest.raises(InputError, match=r"100 % of its sparse points .* or --depth-range auto"):
         predict_scene(FakeModel(), scene, out, references=["0002"])
     caplog.clear()
+    single = FakeModel()
+    single.info = SimpleNamespace(
+        model="tiny_semantic", classes=(), palette=(), depth_range=(0.1, 5.0)
+    )
+    predict_scene(single, scene, out / "labels", references=["0002"])  # it seeks no surface
+    caplog.clear()
     scene.points = None
     predict_scene(FakeModel(), scene, out, references=["0001"])
     assert "sparse points" not in caplog.text

@@ -221,7 +221,7 @@ def _as_text(report: SceneReport) -> str:
 def _verdict(report: SceneReport) -> str:
     if report.num_frames < 2:
         return "one photo, and depth needs two or more; add some that overlap it."
-    if report.evidence.is_suspicious:
+    if report.evidence.is_suspicious or report.features.disagree:
         return "the cameras are wrong; correct them as said above."
     if report.features.mistaken:
         names = ", ".join(report.features.mistaken)
@@ -229,8 +229,10 @@ def _verdict(report: SceneReport) -> str:
     if report.verdict == "imprecise":
         unit = "" if report.has_unit else "--scale (poses in metres) and "
         return f"the cameras are imprecise; add {unit}--poses refined, with another --out."
-    if report.verdict == "fits":
+    if report.depth_verdict.fits:
         return "the cameras fit."
+    if report.verdict == "fits":
+        return "the cameras fit the photos; nothing here tests their unit."
     if report.depth_verdict.agreement:
         return "not enough evidence for or against the cameras."
     return "nothing found against the cameras."

@@ -6,8 +6,8 @@ from jaxtyping import Float
 from mvsam.errors import InputError
 
 RIGID_TOLERANCE = 4e-3
-"""Largest entry of R^T R - I; files that keep three digits stay below. A scale of 0.2 % would pass,
-and depth be off by as much."""
+"""Largest entry of R^T R - I; files that keep three digits stay below. So do rotations
+scaled by less than 0.2 %, and depth is off by as much."""
 
 FARTHEST_CAMERA = 10_000.0
 """Metres from the origin."""

@@ -92,8 +92,9 @@ def open_scene(
     scene = in_metres(scene, parsed_scale)
     if not About.of(scene).has_unit:
         log.warning(
-            "%s: a COLMAP model has no unit, so its scale is unknown; depths are metric only if it "
-            "was aligned, or with --scale, metres a unit or between the cameras of two photos.",
+            "%s: poses of COLMAP have no unit, so their scale is unknown; depths are metric only "
+            "if they were aligned, or with --scale, metres a unit or between the cameras of two "
+            "photos.",
             path,
         )
     return RefinedScene(scene) if poses == "refined" else scene

@@ -120,18 +120,24 @@ def _fitted(
 ) -> Float[Tensor, "view 4 4"] | None:
     """The corrected poses, None where the given ones are to stay; a message says which and why."""
     pixel = pixel_size(frames)
-    distances = epipolar_distances(given, pairs)
+    kept, mistaken = without_mistaken(given, pairs, MOST_OFF * pixel)
+    for index in mistaken:
+        log.warning(
+            "%s: the camera of %s is mistaken and stays as given (its features are more than %g "
+            "pixels from their epipolar lines): correct it, or leave it out.",
+            name, frames[index].name, MOST_OFF,
+        )  # fmt: skip
+    distances = epipolar_distances(given, kept or pairs)
     before = torch.cat(distances).median().item() / pixel
-    if max(camera_distances(distances, pairs).values()) <= GOOD_ENOUGH * pixel:
+    if kept and max(camera_distances(distances, kept).values()) <= GOOD_ENOUGH * pixel:
         log.info(
-            "%s: its cameras fit its photos (features are %.1f pixels from their epipolar lines) "
+            "%s: its %scameras fit its photos (features are %.1f pixels from their epipolar lines) "
             "and stay as given.",
-            name, before,
+            name, "other " if mistaken else "", before,
         )  # fmt: skip
         return None
-    pairs, mistaken = without_mistaken(given, pairs, MOST_OFF * pixel)
-    poses = fit_poses(given, pairs, spread=pixel)
-    after = torch.cat(epipolar_distances(poses, pairs)).median().item() / pixel if pairs else inf
+    poses = fit_poses(given, kept, spread=pixel)
+    after = torch.cat(epipolar_distances(poses, kept)).median().item() / pixel if kept else inf
     if after > AGREED:
         log.warning(
             "%s: its photos disagree with its cameras (features are %.1f pixels from their "
@@ -139,15 +145,9 @@ def _fitted(
             name, before,
         )  # fmt: skip
         return None
-    for index in mistaken:
-        log.warning(
-            "%s: the camera of %s is mistaken and stays as given (its features are more than %g "
-            "pixels from their epipolar lines in all other photos): correct it, or leave it out.",
-            name, frames[index].name, MOST_OFF,
-        )  # fmt: skip
-    moved = sorted({index for pair in pairs for index in (pair.first, pair.second)})
+    moved = _cameras(kept)
     degrees, metres = _way(given[moved], poses[moved])
-    others = len(given) - len(moved)
+    others = len(given) - len(moved) - len(mistaken)
     log.info(
         "%s: its photos turned the cameras by %.2f degrees and moved them by %.1f cm (medians); "
         "features are %.1f pixels from their epipolar lines, %.1f before%s.",
@@ -171,23 +171,30 @@ def camera_distances(
 def without_mistaken(
     given: Float[Tensor, "view 4 4"], pairs: Sequence[Matches], most: float
 ) -> tuple[list[Matches], list[int]]:
-    """(the pairs of cameras that are off by `most` at most, the others, worst first).
+    """(the pairs of cameras that are off by `most` at most, the cameras that are off by more).
 
-    A mistaken camera spoils the distances of those that match it, so they go one by one. No pairs
-    where more than `MOST_MISTAKEN` of the cameras would have to go.
+    A mistaken camera spoils the distances of those that match it, so they go one by one, worst
+    first. It is told by partners that agree without it: who has none left is neither kept nor
+    mistaken. Both are empty where more than `MOST_MISTAKEN` of the cameras would have to go.
     """
-    kept, mistaken = list(pairs), []
-    num_cameras = len({index for pair in pairs for index in (pair.first, pair.second)})
+    kept, gone = list(pairs), []
     while kept:
         off = camera_distances(epipolar_distances(given, kept), kept)
         worst = max(off, key=lambda index: off[index])
         if off[worst] <= most:
-            return kept, mistaken
-        mistaken.append(worst)
-        if len(mistaken) > MOST_MISTAKEN * num_cameras:
             break
+        gone.append(worst)
         kept = [pair for pair in kept if worst not in (pair.first, pair.second)]
-    return [], mistaken
+    if len(gone) > MOST_MISTAKEN * len(_cameras(pairs)):
+        return [], []
+    agreeing = set(_cameras(kept))
+    partners = {frozenset((pair.first, pair.second)) for pair in pairs}
+    told = [i for i in gone if any(frozenset((i, other)) in partners for other in agreeing)]
+    return kept, told
+
+
+def _cameras(pairs: Sequence[Matches]) -> list[int]:
+    return sorted({index for pair in pairs for index in (pair.first, pair.second)})
 
 
 def _way(given: Float[Tensor, "view 4 4"], found: Float[Tensor, "view 4 4"]) -> tuple[float, float]:

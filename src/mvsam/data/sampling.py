@@ -90,7 +90,8 @@ def rank_sources(
 
     Sources are ranked by overlap times the preference for useful triangulation angles; those nearer
     than `minimum_baseline` metres come after all others. Of more than 400 frames, sources are
-    sought among the nearest keyframes alone: time and memory grow with the square of the number.
+    sought among the nearest keyframes, and where too few of them overlap among the frames recorded
+    around: time and memory grow with the square of the number.
     """
     if len(frames) <= MOST_AT_ONCE:
         return _rank_all(frames, depth_range, num_views, minimum_baseline)
@@ -125,7 +126,10 @@ def _rank_all(
     num_references: int | None = None,
     is_source: Bool[np.ndarray, " frame"] | bool = True,
 ) -> tuple[list[ViewTuple], list[str]]:
-    """`rank_sources` of the first `num_references` frames; `is_source`: which may be sources."""
+    """`rank_sources` of the first `num_references` frames.
+
+    is_source: which are to be sources; all of them where those are too few.
+    """
     cameras = Cameras.of(frames)
     shared = frustum_overlap(cameras, depth_range)
     baselines = np.linalg.norm(cameras.centres[:, None] - cameras.centres[None], axis=-1)
@@ -134,7 +138,10 @@ def _rank_all(
     score = np.where(baselines >= minimum_baseline, usefulness, baselines - minimum_baseline)
     tuples, skipped = [], []
     for reference, frame in enumerate(frames[:num_references]):
-        candidates = np.flatnonzero((shared[reference] >= MINIMUM_OVERLAP) & is_source)
+        overlaps = shared[reference] >= MINIMUM_OVERLAP
+        candidates = np.flatnonzero(overlaps & is_source)
+        if len(candidates) < num_views - 1:
+            candidates = np.flatnonzero(overlaps)
         order = candidates[np.argsort(-score[reference, candidates], kind="stable")]
         if len(order):
             tuples.append((reference, *order[: num_views - 1].tolist()))

@@ -114,10 +114,12 @@ def is_of_row(result: Result, run: RowRun) -> bool:
 _OF_NO_ACCOUNT = {
     *("steps", "num_classes", "semantic_encoder", "val", "cache", "workers"),
     *("seed", "precision", "sync_batchnorm", "val_every", "checkpoint_every"),
+    *("checkpoint_stages", "feature_cache"),
 }
 """Settings of a row's run that may differ: length, of which it must have enough; what training
 fills in; where an encoder's weights lie, as a result says which they were (`Result.weights`); what
-is only watched; where and by whom pictures are read; the seed; how a device computes."""
+is only watched; where and by whom pictures are read; the seed; how a device computes, and what it
+keeps or computes again."""
 
 
 def is_trained_as(recorded: dict[str, Any], experiment: Experiment) -> bool:

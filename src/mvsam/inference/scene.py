@@ -98,7 +98,8 @@ def predict_scene(
     points = About.of(scene).points
     depth_range = resolved_depth_range(depth_range, frames, points)
     warn_of_other_range(model, depth_range)
-    _warn_of_points(scene.name, frames, points, depth_range)
+    if num_views > 1:
+        _check_points(scene.name, frames, points, depth_range)
     all_tuples, skipped = view_tuples(scene, num_views, depth_range)
     tuples = _tuples_of(references, all_tuples, frames, scene.name)
     if references is not None:
@@ -150,7 +151,7 @@ def _scores(
     return score_folder(folder, scene.name, frames, len(classes) if is_same else None)
 
 
-def _warn_of_points(
+def _check_points(
     scene: str, frames: Sequence[Frame], points: np.ndarray | None, depth_range: DepthRange
 ) -> None:
     """Warns where many lie outside the range; InputError where nearly all do."""

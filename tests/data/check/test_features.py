@@ -56,7 +56,8 @@ def test_displaced_cameras_are_off():
 
 def test_mistaken_cameras_are_not_imprecise():
     features = features_of(Displaced(0.02, 8.0), RANGE)
-    assert features.mistaken and "mistaken" in features.sentence
+    assert features.disagree and features.are_wrong and not features.are_off
+    assert not features.mistaken and "cannot be told" in features.sentence
 
 
 class OneMistaken(Displaced):
@@ -74,6 +75,21 @@ def test_one_mistaken_camera_is_named_and_spoils_no_other():
     name = scene.frame(2).name
     assert features.mistaken == (name,) and not features.are_off
     assert all(pixels < 0.7 for photo, pixels in features.distances.items() if photo != name)
+
+
+def test_of_two_photos_neither_is_accused():
+    class Two(OneMistaken):
+        def __len__(self) -> int:
+            return 2
+
+        def frame(self, index: int) -> Frame:
+            return super().frame((0, 2)[index])
+
+        def views(self):
+            return None
+
+    features = features_of(Two(0.0, 0.0), RANGE)
+    assert features.disagree and not features.mistaken
 
 
 def test_a_mistaken_camera_makes_the_scene_suspicious(tmp_path, capsys):

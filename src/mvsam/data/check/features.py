@@ -27,40 +27,59 @@ class Features:
     the median. Empty: they cannot tell."""
     mistaken: tuple[str, ...] = ()
     """Photos whose cameras are not imprecise but wrong, worst first."""
+    disagree: bool = False
+    """Whether so many cameras are off that the mistaken ones cannot be told from the others."""
+
+    @property
+    def are_wrong(self) -> bool:
+        return self.disagree or bool(self.mistaken)
 
     @property
     def are_off(self) -> bool:
         """Whether `--poses refined` may correct the cameras."""
-        return any(GOOD_ENOUGH < pixels <= MOST_OFF for pixels in self.distances.values())
+        others = (pixels for name, pixels in self.distances.items() if name not in self.mistaken)
+        return not self.disagree and any(pixels > GOOD_ENOUGH for pixels in others)
 
 
 def features_of(scene: Scene, depth_range: DepthRange) -> Features:
-    """Of a dozen photos that are seen together; takes seconds."""
+    """Of a dozen photos that are seen together; takes seconds. InputError for a damaged photo."""
     try:
         tuples, _ = view_tuples(scene, NUM_VIEWS, depth_range)
-        chosen = sorted({i for views in evenly_spaced(tuples, NUM_TUPLES) for i in views})
-        frames = [scene.frame(index) for index in chosen]
-        poses = torch.from_numpy(np.stack([frame.world_from_cam for frame in frames]))
-        pairs = apart(match_photos(scene.name, frames), poses)
+    except InputError:  # no photos overlap: other lines of the report say why
+        return _CANNOT_TELL
+    chosen = sorted({i for views in evenly_spaced(tuples, NUM_TUPLES) for i in views})
+    frames = [scene.frame(index) for index in chosen]
+    for frame in frames:
+        _ = frame.image
+    try:
+        matches = match_photos(scene.name, frames)
     except MissingExtraError:
         return Features("not asked, which takes the extra colmap.")
-    except InputError:  # no photos overlap, or COLMAP fails: other lines of the report say why
-        pairs = []
+    except InputError as error:
+        return Features(f"not asked: {error}")
+    poses = torch.from_numpy(np.stack([frame.world_from_cam for frame in frames]))
+    pairs = apart(matches, poses)
     if not pairs:
-        return Features("they cannot tell: too few are shared by photos taken apart.")
+        return _CANNOT_TELL
     pixel = pixel_size(frames)
     off = camera_distances(epipolar_distances(poses, pairs), pairs)
     kept, wrong = without_mistaken(poses, pairs, MOST_OFF * pixel)
-    if kept:  # else a mistaken camera spoils those of the photos it matches
-        off |= camera_distances(epipolar_distances(poses, kept), kept)
+    if kept:  # a mistaken camera spoils those of the photos it matches
+        agreeing = camera_distances(epipolar_distances(poses, kept), kept)
+        off = {index: off[index] for index in wrong} | agreeing
     distances = {frames[index].name: metres / pixel for index, metres in sorted(off.items())}
     mistaken = tuple(frames[index].name for index in wrong)
-    return Features(_sentence(distances, mistaken), distances, mistaken)
+    return Features(_sentence(distances, mistaken, not kept), distances, mistaken, not kept)
 
 
-def _sentence(distances: dict[str, float], mistaken: tuple[str, ...]) -> str:
+_CANNOT_TELL = Features("they cannot tell: too few are shared by photos taken apart.")
+
+
+def _sentence(distances: dict[str, float], mistaken: tuple[str, ...], disagree: bool) -> str:
     worst = max(distances, key=lambda name: distances[name])
     where = f"{distances[worst]:.1f} pixels from their epipolar lines at the worst camera ({worst})"
+    if disagree:
+        return f"{where}; so many are off that the mistaken ones cannot be told from the others."
     if mistaken:
         return f"{where}; {', '.join(mistaken)}: mistaken, not imprecise."
     if distances[worst] <= GOOD_ENOUGH:

@@ -63,11 +63,12 @@ class SceneReport:
     @property
     def verdict(self) -> Literal["wrong", "imprecise", "fits", "unknown"]:
         """What is to be made of it all; "unknown": nothing speaks for or against the cameras."""
-        if self.evidence.is_suspicious or self.features.mistaken:
+        if self.evidence.is_suspicious or self.features.are_wrong:
             return "wrong"
         if self.features.are_off:
             return "imprecise"
-        return "fits" if self.depth_verdict.fits or self.features.distances else "unknown"
+        by_features = bool(self.features.distances) and not self.depth_verdict.agreement
+        return "fits" if self.depth_verdict.fits or by_features else "unknown"
 
 
 def report_scene(scene: Scene, depth_range: DepthRange = (0.1, 5.0)) -> SceneReport:

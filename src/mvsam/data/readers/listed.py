@@ -38,6 +38,7 @@ class ListedScene:
         has_poses: bool = True,
         has_unit: bool = True,
     ):
+        warn_of_lost(name, len(frames) + num_lost, num_lost)
         if not frames:
             raise InputError(f"{name}: no frame with a picture and a pose was found there.")
         names = [frame.name for frame in frames]
@@ -45,7 +46,6 @@ class ListedScene:
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"{name}: two frames are called {twice}; rename one.")
         _check_shared_intrinsics(name, frames)
-        warn_of_lost(name, len(frames) + num_lost, num_lost)
         self.name = name
         self.classes = classes
         self.points = points
@@ -69,7 +69,10 @@ class ListedScene:
 def warn_of_lost(scene: str, total: int, num_lost: int) -> None:
     """Says how many pictures have no pose; InputError where none has one."""
     if num_lost and num_lost == total:
-        raise InputError(f"{scene}: none of its {total} pictures has a pose; tracking was lost.")
+        raise InputError(
+            f"{scene}: none of its {total} pictures has a pose; tracking was lost, or time "
+            "stamps do not match."
+        )
     if num_lost:
         log.warning("%s: %d of %d frames have no pose; they are left out.", scene, num_lost, total)
 

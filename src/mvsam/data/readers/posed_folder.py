@@ -97,6 +97,8 @@ class PosedFolder:
         names, place = list(self._sizes), {name: index for index, name in enumerate(tracked)}
         tuples = [[names[i] for i in views] for views in read_view_tuples(file, names)]
         kept = [[name for name in views if name in place] for views in tuples if views[0] in place]
+        if not any(len(views) > 1 for views in kept):
+            raise InputError(f"{file}: none of its tuples has two photos with a pose.")
         return [tuple(place[name] for name in views) for views in kept if len(views) > 1]
 
 
