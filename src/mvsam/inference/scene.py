@@ -45,7 +45,8 @@ log = logging.getLogger("mvsam")
 LEAST_SKEW = 0.01
 """Pixels."""
 MOST_OUTSIDE, ALL_OUTSIDE = 0.25, 0.95
-"""Share of the sparse points; few lie beyond a range that fits."""
+"""Shares of the sparse points: few lie beyond a range that fits, nearly all where poses have no
+unit. Above the first `predict` warns, above the second it stops."""
 
 
 @dataclass(frozen=True)
