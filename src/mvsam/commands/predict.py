@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -22,6 +23,8 @@ from mvsam.errors import InputError, counted
 if TYPE_CHECKING:
     from mvsam.inference.scene import SceneResult
     from mvsam.types import Model, Scene
+
+log = logging.getLogger("mvsam")
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,16 @@ class Predict:
             raise InputError(f"--out {out} is the scene itself: choose another folder.")
         result = predict_with_bar(self, model, scene, out)
         print(f"{out}: {counted(len(result.written), 'photo')} predicted{_remark(result)}")
+        if result.written and self.poses == "given":
+            self._hint(model, scene)
+
+    def _hint(self, model: Model, scene: Scene) -> None:
+        """Says what would make depth better, after the maps that nobody had to wait for."""
+        from mvsam.data.check.features import camera_hint
+        from mvsam.inference.photos import fewest_views
+
+        if fewest_views(model) > 1 and (hint := camera_hint(scene)):
+            log.info("%s: %s", scene.name, hint)
 
 
 def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) -> SceneResult:

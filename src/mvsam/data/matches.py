@@ -22,6 +22,8 @@ FEWEST_MATCHES = 15
 """Of a pair; fewer may be chance."""
 MATCHES_PER_PAIR = 100
 """Evenly drawn; more add time alone."""
+LARGEST_SIDE = 1280
+"""Pixels of the photos that features are sought in; what is finer is below `WIDTH`'s pixel."""
 
 
 def pixel_size(frames: Sequence[Frame]) -> float:
@@ -54,6 +56,7 @@ def _matched_pairs(
     names = [file.name for file in files]
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.num_threads = 1  # else photos are numbered as they get ready, and matched so
+    extraction.max_image_size = LARGEST_SIDE
     pycolmap.extract_features(
         database,
         files[0].parent,

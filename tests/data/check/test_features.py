@@ -9,7 +9,7 @@ import pytest
 
 from mvsam import weights
 from mvsam.cli import main
-from mvsam.data.check.features import features_of
+from mvsam.data.check.features import camera_hint, features_of
 from mvsam.data.convert import write_posed_folder
 from mvsam.data.formats import open_scene
 from mvsam.data.streaming.augment import with_pose_noise
@@ -108,6 +108,28 @@ def test_without_colmap_they_are_not_asked(monkeypatch):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     features = features_of(Displaced(0.01, 0.3), RANGE)
     assert not features.distances and "the extra colmap" in features.sentence
+
+
+def test_the_hint_speaks_of_cameras_that_do_not_fit_and_of_no_others():
+    assert camera_hint(Displaced(0.0, 0.0)) is None
+    assert camera_hint(Plain(0.01, 0.3)) is None
+    assert "--poses refined" in (camera_hint(Displaced(0.01, 0.3)) or "")
+    assert "mistaken" in (camera_hint(OneMistaken(0.0, 0.0)) or "")
+
+
+def test_cameras_without_a_unit_get_no_hint():
+    scene = Displaced(0.01, 0.3)
+    scene.has_unit = False
+    assert camera_hint(scene) is None
+
+
+def test_predict_gives_the_hint_once_it_has_written(tmp_path, capsys):
+    list(write_posed_folder(Displaced(0.01, 0.3), tmp_path / "room"))
+    command = ["predict", str(tmp_path / "room"), "--out", str(tmp_path / "out")]
+    assert main([*command, "--references", "0000"]) == 0
+    assert "--poses refined lets the photos correct" in capsys.readouterr().err
+    assert main([*command, "--references", "0000"]) == 0
+    assert "--poses refined" not in capsys.readouterr().err
 
 
 def test_the_verdict_says_what_to_add(tmp_path, capsys):

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from mvsam.data.depth_range import DepthRange
+from mvsam.data.about import About
+from mvsam.data.depth_range import USUAL, DepthRange
 from mvsam.data.matches import match_photos, pixel_size
 from mvsam.data.refined import GOOD_ENOUGH, MOST_OFF, apart, camera_distances, without_mistaken
 from mvsam.data.sampling import evenly_spaced, view_tuples
@@ -15,6 +16,8 @@ from mvsam.types import Scene
 
 NUM_TUPLES, NUM_VIEWS = 4, 3
 """Tuples, evenly spaced, whose photos are matched, and the photos of each."""
+NUM_TUPLES_IN_PASSING = 2
+"""Where the precision of the cameras is a remark, not the question."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +44,25 @@ class Features:
         return not self.disagree and any(pixels > GOOD_ENOUGH for pixels in others)
 
 
-def features_of(scene: Scene, depth_range: DepthRange) -> Features:
+def camera_hint(scene: Scene) -> str | None:
+    """What features say against the cameras, in passing; None: nothing, or they cannot tell.
+
+    A second or two for half a dozen photos; without the extra `colmap` nothing is asked.
+    """
+    if not About.of(scene).has_unit:  # COLMAP's cameras fit, and are refined in metres alone
+        return None
+    features = features_of(scene, USUAL, NUM_TUPLES_IN_PASSING)
+    speaks = features.are_off or features.are_wrong
+    return f"its features lie {features.sentence}" if speaks else None
+
+
+def features_of(scene: Scene, depth_range: DepthRange, num_tuples: int = NUM_TUPLES) -> Features:
     """Of a dozen photos that are seen together; takes seconds. InputError for a damaged photo."""
     try:
         tuples, _ = view_tuples(scene, NUM_VIEWS, depth_range)
     except InputError:  # no photos overlap: other lines of the report say why
         return _CANNOT_TELL
-    chosen = sorted({i for views in evenly_spaced(tuples, NUM_TUPLES) for i in views})
+    chosen = sorted({i for views in evenly_spaced(tuples, num_tuples) for i in views})
     frames = [scene.frame(index) for index in chosen]
     for frame in frames:
         _ = frame.image
