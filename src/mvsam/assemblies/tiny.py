@@ -84,6 +84,7 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
     return tiny_base(
         num_classes,
         tuned_blocks=tuned_blocks,
+        geometry_encoder=FeaturePyramid(upsampling="bilinear"),
         cascade=tiny_cascade(voted_scores),
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
@@ -108,6 +109,7 @@ def tiny_base(
     num_classes: int = 20,
     has_bridge: bool = True,
     tuned_blocks: int | None = None,
+    geometry_encoder: FeaturePyramid | None = None,
     cascade: DepthCascade | None = None,
     prior: MonocularPrior | None = None,
     decoder: SemanticDecoder | None = None,
@@ -115,7 +117,7 @@ def tiny_base(
 ) -> MultiViewSAM:
     """`base` in the sizes of `tiny`; every box of Figure 3 is there and no other."""
     return MultiViewSAM(
-        geometry_encoder=FeaturePyramid(),
+        geometry_encoder=geometry_encoder or FeaturePyramid(),
         semantic_encoder=tiny_encoder(tuned_blocks),
         bridge=SemanticPyramid(TINY_CHANNELS, width=16) if has_bridge else None,
         cascade=cascade or tiny_cascade(),

@@ -1,6 +1,7 @@
 """The geometry-aware encoder of Figure 3: CasMVSNet's feature pyramid at three scales."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -15,10 +16,18 @@ class FeaturePyramid(nn.Module):
     The paper follows CasMVSNet and leaves the widths open; `base` = 8 is CasMVSNet's.
     heads: what ends each level, coarse to fine, given 4 * base channels; None: one linear
     convolution, as CasMVSNet has it.
+    upsampling: of what a coarser level gives to a finer one. CasMVSNet takes the nearest, which
+    makes blocks of four pixels that the finest sweep matches for their borders (docs/log.md).
     """
 
-    def __init__(self, base: int = 8, heads: Sequence[nn.Module] | None = None):
+    def __init__(
+        self,
+        base: int = 8,
+        heads: Sequence[nn.Module] | None = None,
+        upsampling: Literal["nearest", "bilinear"] = "nearest",
+    ):
         super().__init__()
+        self.upsampling = upsampling
         self.channels = (4 * base, 2 * base, base)
         wide, middle, narrow = self.channels
         self.at_full = nn.Sequential(conv_bn_relu(3, narrow), conv_bn_relu(narrow, narrow))
@@ -52,7 +61,7 @@ class FeaturePyramid(nn.Module):
         half = self.at_half(full)
         top = self.at_quarter(half)
         coarse = self.out_quarter(top)
-        top = add(F.interpolate(top, scale_factor=2, mode="nearest"), self.lateral_half(half))
+        top = add(F.interpolate(top, scale_factor=2, mode=self.upsampling), self.lateral_half(half))
         middle = self.out_half(top)
-        top = add(F.interpolate(top, scale_factor=2, mode="nearest"), self.lateral_full(full))
+        top = add(F.interpolate(top, scale_factor=2, mode=self.upsampling), self.lateral_full(full))
         return coarse, middle, self.out_full(top)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from mvsam.loss_terms import cross_entropy, depth_at, is_depth_known, masked_mean
@@ -24,6 +24,10 @@ class JointLoss:
     """Coarse to fine. The paper is silent; these are CasMVSNet's."""
     class_weights: tuple[float, ...] | None = None
     """Weight of each class in the cross entropy; none: all alike, as the paper mentions none."""
+    within_windows: bool = False
+    """Whether a stage learns only from pixels whose truth lies among its hypotheses (not in the
+    paper). Of others a narrow window learns no more than which of its ends is nearer, and is drawn
+    away from what it can tell."""
     prior_weight: float = 0.1
     """Of the prior's negative log likelihood, where the model has a `MonocularPrior` (neither is in
     the paper)."""
@@ -72,8 +76,19 @@ class JointLoss:
         for stage, weight in zip(stages, self.stage_weights, strict=True):
             target = depth_at(depth, stage.depth.shape[-2:])
             error = F.smooth_l1_loss(stage.depth, target, beta=self.beta, reduction="none")
-            total = total + weight * masked_mean(error, is_depth_known(target, depth_range))
+            counts = is_depth_known(target, depth_range)
+            if self.within_windows:
+                counts = counts & is_within(target, stage.hypotheses)
+            total = total + weight * masked_mean(error, counts)
         return total
+
+
+def is_within(
+    depth: Float[Tensor, "batch height width"],
+    hypotheses: Float[Tensor, "batch plane height width"],
+) -> Bool[Tensor, "batch height width"]:
+    """Where a depth lies between the nearest and the farthest hypothesis of its pixel."""
+    return (depth >= hypotheses.amin(dim=1)) & (depth <= hypotheses.amax(dim=1))
 
 
 def prior_loss(
