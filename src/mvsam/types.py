@@ -191,12 +191,24 @@ class Prediction:
         return None if self.logits is None else torch.argmax(self.logits, dim=1)
 
 
+@runtime_checkable
+class EncodesViews(Protocol):
+    """A `Model` that looks at each view by itself first, so that no photo is encoded twice.
+
+    What `encode` returns is a dataclass of tensors with a static `join`, which puts views that were
+    encoded apart side by side; `model.MultiViewSAM` says more.
+    """
+
+    def encode(self, views: Views) -> Any: ...
+
+    def decode(self, features: Any, views: Views, reference: int = 0) -> Prediction: ...
+
+
 class Model(nn.Module):
     """What every model is, ours and each baseline: called as `model(views)`, it predicts view 0.
 
-    One that can encode views apart from each other also has `encode` and `decode` as
-    `model.MultiViewSAM` has; one whose parameters learn at different rates has
-    `parameter_groups(lr)`, the list of dicts that torch's optimisers take.
+    One whose parameters learn at different rates has `parameter_groups(lr)`, the list of dicts that
+    torch's optimisers take. See `EncodesViews` too.
     """
 
     info: Any = None

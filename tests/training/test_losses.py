@@ -73,6 +73,17 @@ def test_coarse_stages_see_the_nearest_true_pixel_and_no_mixture():
     assert ONE_STAGE.depth([stage(target[:, 1::3, 1::3])], target, RANGE) == 0
 
 
+def test_within_windows_only_pixels_whose_truth_lies_among_the_hypotheses_teach():
+    loss = JointLoss(stage_weights=(1.0,), within_windows=True)
+    hypotheses = torch.tensor([1.9, 2.1]).view(1, 2, 1, 1).expand(1, 2, 1, 2)
+    predicted = torch.full((1, 1, 2), 1.95, requires_grad=True)
+    window = DepthStage(hypotheses, torch.full((1, 2, 1, 2), 0.5), predicted, predicted)
+    value = loss.depth([window], torch.tensor([[[2.05, 2.5]]]), RANGE)
+    assert value.item() == pytest.approx(0.09, abs=1e-6)  # of the first pixel alone
+    value.backward()
+    assert predicted.grad is not None and predicted.grad[0, 0, 0] < 0 == predicted.grad[0, 0, 1]
+
+
 def test_a_wrong_number_of_stages_is_refused():
     with pytest.raises(ValueError):
         JointLoss().depth([stage(torch.ones(1, 2, 2))], torch.ones(1, 2, 2), RANGE)

@@ -13,7 +13,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from mvsam.errors import InputError
-from mvsam.types import Model, Views
+from mvsam.types import EncodesViews, Model, Views
 
 REMEMBERED_PHOTOS = 24
 """Encoded photos kept at once; those of `base` take about 11 MB each."""
@@ -74,15 +74,15 @@ def count_needs(model: Model, size: tuple[int, int], num_views: int, pixels_of_p
     one, several = _views(model, size, 1), _views(model, size, num_views)
     pictures = BYTES_PER_PIXEL * pixels_of_photo
     with torch.inference_mode():
-        if not hasattr(model, "encode"):
+        if not isinstance(shapes, EncodesViews):
             whole, _ = _peak_bytes(lambda: shapes(several))
             return Needs(0, _bytes(one.images), whole, pictures)
-        encode, features = _peak_bytes(lambda: shapes.encode(one))  # pyright: ignore
+        encode, features = _peak_bytes(lambda: shapes.encode(one))
         photo = _bytes(one.images) + sum(_bytes(t) for t in _tensors(vars(features)))
 
         def decode() -> Any:
             joined = type(features).join([features] * num_views)
-            return shapes.decode(joined, several, reference=0)  # pyright: ignore
+            return shapes.decode(joined, several)
 
         return Needs(encode, photo, _peak_bytes(decode)[0], pictures)
 

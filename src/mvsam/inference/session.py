@@ -5,14 +5,13 @@ References are decoded one by one: three in one batch took 1.3 times as long on 
 
 import time
 from collections import OrderedDict, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from typing import Any
 
 import torch
-from torch import nn
 
 from mvsam.convolution import fold_batch_norm
 from mvsam.data.dataset import make_views
@@ -22,7 +21,7 @@ from mvsam.inference.outputs import PhotoPrediction
 from mvsam.inference.reading import PhotoReader
 from mvsam.inference.upsampling import depth_at_size, labels_at_size, smooth_at_size
 from mvsam.precision import Precision, autocast
-from mvsam.types import Frame, Model, Prediction, Views
+from mvsam.types import EncodesViews, Frame, Model, Prediction, Views
 
 
 class Stopwatch:
@@ -73,7 +72,7 @@ class Session:
         self.precision: Precision = precision
         self.size = size or model.input_size
         self.device = device_of(model)
-        self.can_encode = hasattr(model, "encode") and hasattr(model, "decode")
+        self._encoder = self.model if isinstance(self.model, EncodesViews) else None
         self.stopwatch = Stopwatch(self.device)
         self._reader = PhotoReader(self._read)
         self._encoded: OrderedDict[str, EncodedPhoto] = OrderedDict()
@@ -112,7 +111,7 @@ class Session:
         with self.stopwatch("read"):
             views = self._reader.take(frame).to(self.device)
         with self.stopwatch("encode"):
-            features = _method(self.model, "encode")(views) if self.can_encode else None
+            features = None if self._encoder is None else self._encoder.encode(views)
         while len(self._encoded) >= self._remembered_photos:
             self._encoded.popitem(last=False)
         views = replace(views, semantic_images=None)  # large, and encoded by now
@@ -125,10 +124,10 @@ class Session:
     def _decode(self, photos: list[EncodedPhoto]) -> Prediction:
         """The model's word on the first photo."""
         views = _side_by_side([photo.views for photo in photos])
-        if not self.can_encode:
+        if self._encoder is None:
             return self.model(views)
         parts = [photo.features for photo in photos]
-        return _method(self.model, "decode")(type(parts[0]).join(parts), views, reference=0)
+        return self._encoder.decode(type(parts[0]).join(parts), views)
 
 
 def _side_by_side(parts: Sequence[Views]) -> Views:
@@ -150,10 +149,3 @@ def _at_photo_size(prediction: Prediction, size: tuple[int, int]) -> PhotoPredic
         else smooth_at_size(confidence[0].float(), size).clamp(0, 1).cpu().numpy(),
         labels=None if logits is None else labels_at_size(logits[0].float(), size).cpu().numpy(),
     )
-
-
-def _method(model: nn.Module, name: str) -> Callable[..., Any]:
-    """nn.Module's type says that every attribute may be a tensor; these are not."""
-    method = getattr(model, name)
-    assert callable(method)
-    return method

@@ -11,7 +11,7 @@ from mvsam.evaluation.evaluate import SceneScores, score_item
 from mvsam.evaluation.protocols import Protocol
 from mvsam.loss_terms import Loss
 from mvsam.training.optim import OptimizerConfig, make_optimizer
-from mvsam.types import Prediction, Targets, Views
+from mvsam.types import EncodesViews, Prediction, Targets, Views
 
 Batch = tuple[Views, list[Targets], tuple[Views, Targets] | None]
 """Views, the targets of view 0, 1, ... as reference, and single photos with their labels."""
@@ -152,10 +152,7 @@ def predict_references(model: nn.Module, views: Views, num_references: int) -> l
     """Predictions for view 0, 1, ...; a model with `encode` and `decode` encodes only once."""
     if num_references == 1:
         return [model(views)]
-    if not hasattr(model, "encode"):
+    if not isinstance(model, EncodesViews):
         return [model(views.with_reference(reference)) for reference in range(num_references)]
-    features = model.encode(views)  # pyright: ignore[reportCallIssue]
-    return [
-        model.decode(features, views, reference)  # pyright: ignore[reportCallIssue]
-        for reference in range(num_references)
-    ]
+    features = model.encode(views)
+    return [model.decode(features, views, reference) for reference in range(num_references)]
