@@ -16,6 +16,7 @@ from mvsam.data.labels import png_palette
 from mvsam.errors import InputError
 from mvsam.files import DiskFullError
 from mvsam.inference.photos import check_size
+from mvsam.inference.pictures import LEGEND_HEIGHT
 from mvsam.inference.scene import predict_scene
 from tests.inference.fake_model import FakeModel, WholeModel
 from tests.synthetic import SyntheticView, write_posed_folder
@@ -73,7 +74,7 @@ def test_maps_have_the_promised_sizes_and_types(scene, truth, out: Path):
         assert labels.getpalette() == png_palette()
     assert (read(out / "confidence/0001.png") == 191).all()  # 0.75 * 255
     with Image.open(out / "preview/0001.jpg") as preview:
-        assert preview.size == (3 * SIZE[0], SIZE[1])
+        assert preview.size == (3 * SIZE[0], SIZE[1] + LEGEND_HEIGHT)
     # The fake repeats the true depth at half the size; the walls' edges are a pixel wide.
     off = np.abs(millimetres / 1000 - truth[1].depth) / truth[1].depth
     assert np.quantile(off, 0.95) < 0.02
@@ -141,7 +142,7 @@ def test_a_task_the_model_lacks_leaves_no_files(scene, out: Path):
     predict_scene(WholeModel(), scene, out)
     assert {path.name for path in out.iterdir() if path.is_dir()} == {"color", "depth", "preview"}
     with Image.open(out / "preview/0000.jpg") as preview:
-        assert preview.size == (2 * SIZE[0], SIZE[1])
+        assert preview.size == (2 * SIZE[0], SIZE[1] + LEGEND_HEIGHT)
 
 
 def test_each_photo_is_encoded_once_for_all_tuples(scene, out: Path):

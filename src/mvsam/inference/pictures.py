@@ -1,13 +1,18 @@
 """What people look at: depth as colours, and a photo beside its maps."""
 
+from functools import cache
+
 import numpy as np
 from jaxtyping import Float, UInt8
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from mvsam.data.labels import ClassTable, colorize
 
 PREVIEW_HEIGHT = 480
 """Previews are no higher than this, pixels."""
+
+LEGEND_HEIGHT = 18
+"""Of the strip below the maps of a preview that says what their colours mean, pixels."""
 
 NEAR_TO_FAR = np.array(
     [
@@ -62,14 +67,74 @@ def preview(
     labels: UInt8[np.ndarray, "height width"] | None,
     classes: ClassTable,
 ) -> Image.Image:
-    """The photo, its depth and its labels side by side; a missing map is left out."""
+    """The photo, its depth and its labels side by side, with a legend; a missing map is left out.
+
+    Below the depth stand the metres of its nearest and farthest colour, below the labels the names
+    of the classes that cover most, as many as fit.
+    """
     step = -(-image.shape[0] // PREVIEW_HEIGHT)
     panels = [image[::step, ::step]]
+    height, width = panels[0].shape[:2]
+    legends = [_strip(width)]
     if depth is not None:
         panels.append(depth_picture(depth[::step, ::step]))
+        legends.append(_depth_legend(width, depth))
     if labels is not None:
         panels.append(_shaded(colorize(labels[::step, ::step], classes), panels[0]))
-    return Image.fromarray(np.concatenate(panels, axis=1))
+        legends.append(_class_legend(width, labels, classes))
+    picture = Image.new("RGB", (width * len(panels), height + LEGEND_HEIGHT))
+    for index, (panel, legend) in enumerate(zip(panels, legends, strict=True)):
+        picture.paste(Image.fromarray(panel), (width * index, 0))
+        picture.paste(legend, (width * index, height))
+    return picture
+
+
+def _depth_legend(width: int, depth: Float[np.ndarray, "height width"]) -> Image.Image:
+    """Metres at the near end, the colours, metres at the far end; empty where none is known."""
+    legend, font = _strip(width), _font()
+    if not (depth > 0).any():
+        return legend
+    farthest, nearest = depth_limits(depth)
+    near, far = (f"{1 / end:.2f} m" for end in (nearest, farthest))
+    draw = ImageDraw.Draw(legend)
+    begin, end = (round(font.getlength(text)) + 8 for text in (near, far))
+    draw.text((4, LEGEND_HEIGHT / 2), near, "black", font, anchor="lm")
+    draw.text((width - 4, LEGEND_HEIGHT / 2), far, "black", font, anchor="rm")
+    length = width - begin - end
+    if length > 0 and farthest < nearest:
+        ramp = 1 / np.linspace(nearest, farthest, length)
+        bar = depth_colors(np.tile(ramp, (LEGEND_HEIGHT - 8, 1)), farthest, nearest)
+        legend.paste(Image.fromarray(bar), (begin, 4))
+    return legend
+
+
+def _class_legend(
+    width: int, labels: UInt8[np.ndarray, "height width"], classes: ClassTable
+) -> Image.Image:
+    """A patch of its colour and the name of each class, largest first, while there is room."""
+    legend, font, x = _strip(width), _font(), 4
+    draw = ImageDraw.Draw(legend)
+    counts = np.bincount(labels.ravel(), minlength=len(classes))[: len(classes)]
+    for index in np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]:
+        name = classes.names[index]
+        end = x + 12 + round(font.getlength(name))
+        if end > width:
+            break
+        draw.rectangle((x, 5, x + 8, LEGEND_HEIGHT - 6), fill=classes.colors[index])
+        draw.text((x + 12, LEGEND_HEIGHT / 2), name, "black", font, anchor="lm")
+        x = end + 8
+    return legend
+
+
+def _strip(width: int) -> Image.Image:
+    return Image.new("RGB", (width, LEGEND_HEIGHT), "white")
+
+
+@cache
+def _font() -> ImageFont.FreeTypeFont:
+    font = ImageFont.load_default(size=11)
+    assert isinstance(font, ImageFont.FreeTypeFont)  # as of any size since Pillow 10.1
+    return font
 
 
 def _shaded(
