@@ -235,6 +235,7 @@ def test_eval_does_not_score_labels_of_other_classes(model: FakeModel, room: str
 
 
 def test_eval_without_ground_truth_says_so(model: FakeModel, tmp_path: Path, capsys):
+    model.reads_depth = False
     write_posed_folder(tmp_path / "bare", 4, (128, 96), depth=False, labels=False)
     assert main(["eval", "any", "--data", str(tmp_path / "bare"), "--device", "cpu"]) == 2
     assert "no depth or labels to score any by" in capsys.readouterr().err

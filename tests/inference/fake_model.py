@@ -23,10 +23,11 @@ class FakeModel(Model):
 
     input_size: tuple[int, int] = (64, 48)
 
-    def __init__(self, has_depth: bool = True, has_labels: bool = True):
+    def __init__(self, has_depth: bool = True, has_labels: bool = True, reads_depth: bool = True):
         super().__init__()
         self.scale = nn.Parameter(torch.ones(1))
         self.has_depth, self.has_labels = has_depth, has_labels
+        self.reads_depth = reads_depth
         self.encoded: list[int] = []
         """Views of each call of `encode`."""
         self.fail_at: tuple[int, BaseException] | None = None

@@ -23,7 +23,7 @@ def photos(num_frames: int = 3, size: tuple[int, int] = (128, 96)):
 
 
 def test_every_photo_is_a_reference_by_default_and_is_encoded_once():
-    model = FakeModel()
+    model = FakeModel(reads_depth=False)
     results = predict(model, *photos(4))
     assert len(results) == 4
     assert model.encoded_views == 4
@@ -32,7 +32,7 @@ def test_every_photo_is_a_reference_by_default_and_is_encoded_once():
 def test_results_have_the_size_of_their_photo():
     images, intrinsics, poses = photos(2)
     images[1] = images[1][:60, :100]
-    small, cut = predict(FakeModel(), images, intrinsics, poses)
+    small, cut = predict(FakeModel(reads_depth=False), images, intrinsics, poses)
     assert small.depth is not None and cut.depth is not None
     assert small.depth.shape == (96, 128) and small.depth.dtype == np.float32
     assert cut.depth.shape == (60, 100)
@@ -42,7 +42,7 @@ def test_results_have_the_size_of_their_photo():
 
 
 def test_the_reference_comes_first_and_its_intrinsics_fit_the_network_size():
-    model = FakeModel()
+    model = FakeModel(reads_depth=False)
     images, intrinsics, poses = photos(3)
     predict(model, images, intrinsics, poses, references=[2])
     (views,) = model.decoded
@@ -60,7 +60,7 @@ def test_a_model_without_encode_is_called_as_a_whole():
 
 
 def test_the_model_keeps_its_training_mode():
-    model = FakeModel().train()
+    model = FakeModel(reads_depth=False).train()
     predict(model, *photos(2))
     assert model.training
 
@@ -93,13 +93,13 @@ SCALED = np.diag([2.0, 2, 2, 1])
 )
 def test_bad_photos_are_named(parts: list, complaint: str):
     with pytest.raises(InputError, match=complaint):
-        predict(FakeModel(), *parts)
+        predict(FakeModel(reads_depth=False), *parts)
 
 
 @pytest.mark.parametrize("depth_range", [(0.0, 5.0), (2.0, 1.0), (0.1, float("nan"))])
 def test_a_depth_range_must_be_one(depth_range: tuple[float, float]):
     with pytest.raises(InputError, match="depth range"):
-        predict(FakeModel(), *photos(2), depth_range=depth_range)
+        predict(FakeModel(reads_depth=False), *photos(2), depth_range=depth_range)
 
 
 def test_a_depth_range_may_be_an_array():
@@ -108,7 +108,7 @@ def test_a_depth_range_may_be_an_array():
 
 def test_references_are_a_list():
     with pytest.raises(InputError, match=r"give a list of the photos' numbers"):
-        inspect.unwrap(predict)(FakeModel(), *photos(2), references=0)
+        inspect.unwrap(predict)(FakeModel(reads_depth=False), *photos(2), references=0)
 
 
 @pytest.mark.parametrize("depth_range", [5, "Auto", (1, 2, 3)])
@@ -121,16 +121,16 @@ def test_cameras_that_seem_wrong_are_warned_about(monkeypatch, caplog):
     monkeypatch.setattr(
         "mvsam.inference.photos.camera_warning", lambda frames, depth_range: "transpose them"
     )
-    predict(FakeModel(), *photos(2), check_cameras=False)
+    predict(FakeModel(reads_depth=False), *photos(2), check_cameras=False)
     assert not caplog.text
-    predict(FakeModel(), *photos(2))
+    predict(FakeModel(reads_depth=False), *photos(2))
     assert "transpose them" in caplog.text
 
 
 def test_one_camera_may_have_taken_all_photos():
     images, intrinsics, poses = photos(3)
-    one = predict(FakeModel(), images, np.asarray(intrinsics[0]), poses)
-    each = predict(FakeModel(), images, intrinsics, poses)
+    one = predict(FakeModel(reads_depth=False), images, np.asarray(intrinsics[0]), poses)
+    each = predict(FakeModel(reads_depth=False), images, intrinsics, poses)
     for first, second in zip(one, each, strict=True):
         assert first.depth is not None and second.depth is not None
         assert np.array_equal(first.depth, second.depth)
@@ -138,27 +138,39 @@ def test_one_camera_may_have_taken_all_photos():
 
 def test_references_may_come_from_a_generator():
     predict_unchecked = inspect.unwrap(predict)
-    assert len(predict_unchecked(FakeModel(), *photos(3), references=(i for i in (0, 2)))) == 2
+    assert (
+        len(
+            predict_unchecked(
+                FakeModel(reads_depth=False), *photos(3), references=(i for i in (0, 2))
+            )
+        )
+        == 2
+    )
 
 
 def test_references_may_be_numpy_s_integers_but_no_fractions():
     predict_unchecked = inspect.unwrap(predict)
-    assert len(predict_unchecked(FakeModel(), *photos(3), references=np.array([0, 2]))) == 2
+    assert (
+        len(
+            predict_unchecked(FakeModel(reads_depth=False), *photos(3), references=np.array([0, 2]))
+        )
+        == 2
+    )
     with pytest.raises(InputError, match=r"reference 1\.0 is not a photo"):
-        predict_unchecked(FakeModel(), *photos(3), references=[1.0])
+        predict_unchecked(FakeModel(reads_depth=False), *photos(3), references=[1.0])
 
 
 def test_an_unknown_precision_is_refused():
     with pytest.raises(InputError, match="one of auto, float32, bfloat16"):
-        inspect.unwrap(predict)(FakeModel(), *photos(2), precision="float16")
+        inspect.unwrap(predict)(FakeModel(reads_depth=False), *photos(2), precision="float16")
 
 
 def test_a_model_of_single_pictures_takes_one_photo():
-    model = FakeModel()
+    model = FakeModel(reads_depth=False)
     model.info = SimpleNamespace(model="segnet", depth_range=(0.1, 5.0))
     assert len(predict(model, *photos(1))) == 1
 
 
 def test_an_unknown_reference_is_refused():
     with pytest.raises(InputError, match="numbered 0 to 1"):
-        predict(FakeModel(), *photos(2), references=[2])
+        predict(FakeModel(reads_depth=False), *photos(2), references=[2])

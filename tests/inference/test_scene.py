@@ -134,7 +134,7 @@ def test_metrics_json_scores_the_written_maps(scene, out: Path):
 
 def test_without_ground_truth_there_is_no_metrics_json(tmp_path: Path, out: Path):
     write_posed_folder(tmp_path / "bare", 3, SIZE, depth=False, labels=False)
-    result = predict_scene(FakeModel(), open_scene(tmp_path / "bare"), out)
+    result = predict_scene(FakeModel(reads_depth=False), open_scene(tmp_path / "bare"), out)
     assert result.scores is None and not (out / "metrics.json").exists()
 
 
@@ -306,7 +306,8 @@ def test_predicted_maps_are_not_taken_for_the_truth_of_a_scene(scene, out: Path,
     predict_scene(FakeModel(), scene, out)
     again = open_scene(out)
     assert len(again) == len(scene) and again.frame(0).load_depth is None
-    assert predict_scene(FakeModel(), again, tmp_path / "twice").scores is None
+    twice = predict_scene(FakeModel(reads_depth=False), again, tmp_path / "twice")
+    assert twice.scores is None
     assert not (tmp_path / "twice/metrics.json").exists()
 
 

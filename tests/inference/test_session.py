@@ -131,3 +131,19 @@ def test_a_model_trained_with_photos_for_sam_is_given_them(frames):
         wanted = model(make_views(frames[:2], SIZE, RANGE, (96, 64)))
     assert got.depth is not None
     np.testing.assert_allclose(got.depth, wanted.depth[0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("reads_depth", [True, False])
+def test_measured_depth_is_decoded_for_models_that_read_it_alone(frames, reads_depth: bool):
+    decoded = []
+
+    def with_depth(frame: Frame) -> Frame:
+        def load() -> np.ndarray:
+            decoded.append(frame.name)
+            return np.full((SIZE[1], SIZE[0]), 2.0, np.float32)
+
+        return replace(frame, load_depth=load)
+
+    with Session(FakeModel(reads_depth=reads_depth), RANGE) as session:
+        session.predict([with_depth(frame) for frame in frames[:2]])
+    assert bool(decoded) == reads_depth

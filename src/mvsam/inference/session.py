@@ -119,6 +119,8 @@ class Session:
         return self._encoded[frame.name]
 
     def _read(self, frame: Frame) -> Views:
+        if not self.model.reads_depth:
+            frame = replace(frame, load_depth=None)
         return make_views([frame], self.size, self.depth_range, self.model.semantic_size)
 
     def _decode(self, photos: list[EncodedPhoto]) -> Prediction:
