@@ -2,9 +2,11 @@
 
     python benchmarks/embed.py runs/tiny_joint --name tiny
     python benchmarks/embed.py runs/tiny_joint runs/tiny_semantic_full=0.5 --model tiny --name tiny
+    python benchmarks/embed.py tiny-nyu runs/tiny_sweeps --parts cascade bridge --name tiny-nyu
 
-Later weights replace earlier ones; with =SHARE what both have becomes their mean, that share of it
-the later one's (Wortsman et al. 2022). What belongs to no part of the model is left out.
+Later weights replace earlier ones, with --parts in these parts alone; with =SHARE what both have
+becomes their mean, that share of it the later one's (Wortsman et al. 2022). What belongs to no part
+of the model is left out.
 """
 
 import argparse
@@ -34,9 +36,18 @@ class Part(NamedTuple):
 
 
 @torch.no_grad()
-def mix_in(model: nn.Module, other: nn.Module, share: float, fresh: set[str]) -> None:
-    """What both have becomes its mean, `share` of it the other's; what is `fresh`, all of it."""
-    theirs = other.state_dict()
+def mix_in(
+    model: nn.Module, other: nn.Module, share: float, fresh: set[str], parts: Sequence[str]
+) -> None:
+    """What both have becomes its mean, `share` of it the other's; what is `fresh`, all of it.
+
+    parts: names of modules that alone take part; all where none is named.
+    """
+    theirs = {
+        name: value
+        for name, value in other.state_dict().items()
+        if not parts or any(name.startswith(f"{part}.") for part in parts)
+    }
     for name, value in model.state_dict().items():
         if name in theirs and value.is_floating_point() and name not in fresh:
             value.lerp_(theirs[name], share)
@@ -63,25 +74,26 @@ def check_pages(pages: Sequence[WeightsInfo]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("parts", nargs="+", type=Part.parse, metavar="WEIGHTS[=SHARE]")
+    parser.add_argument("weights", nargs="+", type=Part.parse, metavar="WEIGHTS[=SHARE]")
     parser.add_argument("--model", help="which of `mvsam models`; that of the last weights")
+    parser.add_argument("--parts", nargs="+", default=[], help="modules taken of later weights")
     place = parser.add_mutually_exclusive_group(required=True)
     place.add_argument("--name", help="under which mvsam.load finds it")
     place.add_argument("--out", type=Path, help="another file, in full precision")
     arguments = parser.parse_args()
-    check_shares(arguments.parts)
-    loaded = [load(part.weights) for part in arguments.parts]
+    check_shares(arguments.weights)
+    loaded = [load(part.weights) for part in arguments.weights]
     info = loaded[-1].info
     check_pages([model.info for model in loaded])
     name = arguments.model or info.model
     model = build(name, info.num_classes)
     model.input_size, model.semantic_size = info.input_size, info.semantic_size
     fresh = set(model.state_dict())
-    for part, other in zip(arguments.parts, loaded, strict=True):
-        mix_in(model, other, part.share, fresh)
+    for index, (part, other) in enumerate(zip(arguments.weights, loaded, strict=True)):
+        mix_in(model, other, part.share, fresh, arguments.parts if index else ())
     if fresh:
         raise InputError(f"none of the weights have {', '.join(sorted(fresh)[:5])} of {name}.")
-    shares = [part.share for part in arguments.parts]
+    shares = [part.share for part in arguments.weights]
     made_of = [[m.weights_hash, share] for m, share in zip(loaded, shares, strict=True)]
     target = arguments.out or ASSETS / f"{arguments.name}.safetensors"
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -90,12 +102,19 @@ def main() -> None:
         target,
         name=name,
         depth_range=info.depth_range,
-        training=loaded[0].info.training | ({"made_of": made_of} if len(loaded) > 1 else {}),
+        training=loaded[0].info.training | _mixture(made_of, arguments.parts),
         half=arguments.out is None,
         classes=info.classes,
         palette=info.palette,
     )
     print(f"{target}: {target.stat().st_size / 1e6:.1f} MB")
+
+
+def _mixture(made_of: list, parts: Sequence[str]) -> dict:
+    """What the file says of itself, for more than one file of weights."""
+    if len(made_of) < 2:
+        return {}
+    return {"made_of": made_of} | ({"parts_of_later": list(parts)} if parts else {})
 
 
 if __name__ == "__main__":

@@ -75,6 +75,16 @@ def test_what_no_earlier_weights_have_is_taken_whole(embed, weights, tmp_path, m
         torch.testing.assert_close(whole[name], depth[name], atol=1e-5, rtol=1e-4)
 
 
+def test_of_later_weights_the_named_parts_alone_are_taken(embed, weights, tmp_path, monkeypatch):
+    out = tmp_path / "parts.safetensors"
+    run(embed, monkeypatch, weights["a"], weights["b"], "--parts", "decoder", "--out", out)
+    first, second, made = (load(str(path)) for path in (weights["a"], weights["b"], out))
+    for name, value in made.state_dict().items():
+        source = second if name.startswith("decoder.") else first
+        assert torch.equal(value, source.state_dict()[name]), name
+    assert made.info.training["parts_of_later"] == ["decoder"]
+
+
 @pytest.mark.parametrize(("first", "later"), [("=0.5", ""), ("", "=1.5"), ("", "=0")])
 def test_a_share_that_says_nothing_is_refused(
     embed, weights, tmp_path, monkeypatch, first: str, later: str
