@@ -10,9 +10,9 @@ from mvsam.experiments.driver import initial_model
 from mvsam.experiments.rows import TRIPLETS, RowRun, pictures_of
 from mvsam.experiments.runs import BUDGETS, RUNS
 from mvsam.experiments.tables import PICTURE_ROWS, TABLES
+from mvsam.grid_filter import GridFilter
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.prior import MonocularPrior
-from mvsam.segmentation.decoder import GridFilter
 from mvsam.training.optim import make_optimizer
 from tests.experiments.reduced import bare, reduced
 from tests.small import random_targets, random_views

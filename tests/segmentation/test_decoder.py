@@ -6,7 +6,6 @@ from segment_anything.modeling.transformer import TwoWayTransformer as OriginalT
 
 from mvsam.segmentation.decoder import (
     ConvDecoder,
-    GridFilter,
     PerClassQueries,
     SemanticDecoder,
     query_mlp,
@@ -82,17 +81,6 @@ def test_logits_come_at_four_times_the_size_for_any_number_of_classes(num_classe
     expected = (2, num_classes, 4 * height, 4 * width)
     assert small_decoder(num_classes)(features, None).shape == expected
     assert ConvDecoder(num_classes, 32)(features).shape == expected
-
-
-def test_the_grid_of_two_transposed_convolutions_is_taken_out_and_nothing_else_of_flat_maps():
-    flat = torch.rand(1, 3, 1, 1).expand(1, 3, 24, 32)
-    grid = torch.randn(1, 3, 4, 4).repeat(1, 1, 6, 8)
-    inside = (..., slice(2, -2), slice(2, -2))
-    smooth = GridFilter(3)
-    torch.testing.assert_close(smooth(flat), flat)
-    mean = grid[..., :4, :4].mean(dim=(2, 3), keepdim=True).expand_as(grid)
-    torch.testing.assert_close(smooth(grid)[inside], mean[inside])
-    assert not smooth.state_dict()
 
 
 def test_a_prompt_without_any_depth_is_no_prompt():

@@ -8,12 +8,13 @@ from torch import nn
 from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.encoders.fusion import SemanticPyramid
 from mvsam.encoders.sam import ConvStem, SamEncoder
+from mvsam.grid_filter import GridFilter
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.cascade import DepthCascade
 from mvsam.mvs.prior import MonocularPrior
 from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.mvs.votes import Scoring, joint_scores, voted_scores
-from mvsam.segmentation.decoder import ConvDecoder, GridFilter, SemanticDecoder
+from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
 from mvsam.segmentation.transformer import TwoWayTransformer
 
@@ -65,10 +66,12 @@ def tiny_encoder(tuned_blocks: int | None) -> SamEncoder:
     return SamEncoder(tiny_vit(), input_side=TINY_SIDE, tuned_blocks=tuned_blocks)
 
 
-def tiny_cascade(first_scores: Scoring = joint_scores) -> DepthCascade:
+def tiny_cascade(
+    first_scores: Scoring = joint_scores, last_filter: nn.Module | None = None
+) -> DepthCascade:
     """Half the planes in the second sweep, at twice the distance: its window stays +-41 cm."""
     return DepthCascade(
-        [CostRegularizer(channels) for channels in (32, 16, 8)],
+        [CostRegularizer(32), CostRegularizer(16), CostRegularizer(8, score_filter=last_filter)],
         num_planes=(48, 16, 8),
         interval_ratios=(4.0, 2.0, 0.5),
         first_scores=first_scores,
@@ -85,7 +88,7 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
         num_classes,
         tuned_blocks=tuned_blocks,
         geometry_encoder=FeaturePyramid(upsampling="bilinear"),
-        cascade=tiny_cascade(voted_scores),
+        cascade=tiny_cascade(voted_scores, GridFilter(channels=8)),  # as many as planes
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
         has_finer_sweeps=True,

@@ -107,9 +107,10 @@ class CostRegularizer(nn.Module):
     """Three strides down, three up, sums at the skips; `base` channels at the top.
 
     Planes, height and width must be divisible by 8.
+    score_filter: what the scores go through, planes as channels (not in the paper).
     """
 
-    def __init__(self, in_channels: int, base: int = 8):
+    def __init__(self, in_channels: int, base: int = 8, score_filter: nn.Module | None = None):
         super().__init__()
         self.entry = conv3d_bn_relu(in_channels, base)
         self.down1 = nn.Sequential(
@@ -125,6 +126,7 @@ class CostRegularizer(nn.Module):
         self.up1 = deconv3d_bn_relu(4 * base, 2 * base)
         self.up0 = deconv3d_bn_relu(2 * base, base)
         self.score = ScoreConv3d(base)
+        self.score_filter = score_filter or nn.Identity()
 
     def forward(
         self, volume: Float[Tensor, "batch channel plane height width"]
@@ -136,4 +138,4 @@ class CostRegularizer(nn.Module):
         x = add(self.up2(self.down3(level2)), level2)
         x = add(self.up1(x), level1)
         x = add(self.up0(x), level0)
-        return self.score(x)[:, 0]
+        return self.score_filter(self.score(x)[:, 0])

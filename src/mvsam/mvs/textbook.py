@@ -66,6 +66,7 @@ class TextbookRegularizer(nn.Module):
     up1: nn.Module
     up0: nn.Module
     score: nn.Module
+    score_filter: nn.Module
 
     def __init__(self, regularizer: nn.Module):
         super().__init__()
@@ -87,7 +88,7 @@ class TextbookRegularizer(nn.Module):
         x = level2 + self.up2(self.down3(level2))
         x = level1 + self.up1(x)
         x = level0 + self.up0(x)
-        return self.score(x)[:, 0]
+        return self.score_filter(self.score(x)[:, 0])
 
 
 def textbook_regress(

@@ -1,7 +1,6 @@
 """The semantic decoder of Figure 4, and the convolutional one of Table 4 it is compared with."""
 
 import torch
-import torch.nn.functional as F
 from einops import rearrange
 from jaxtyping import Bool, Float
 from timm.layers.norm import LayerNorm2d
@@ -20,29 +19,6 @@ def upscaling(channels: int) -> nn.Sequential:
         nn.ConvTranspose2d(channels // 4, channels // 8, 2, 2),
         nn.GELU(),
     )
-
-
-class GridFilter(nn.Module):
-    """Takes out what repeats every two and every four pixels: the grid of `upscaling`.
-
-    Each transposed convolution gives the four pixels of a cell weights of their own, and class
-    borders come out as combs. A mean over (1, 2, 2, 2, 1) / 8 on both axes has none of either
-    period left, and nothing to learn.
-    """
-
-    kernel: Tensor
-
-    def __init__(self, channels: int):
-        super().__init__()
-        weights = torch.tensor([1.0, 2.0, 2.0, 2.0, 1.0]) / 8
-        kernel = torch.outer(weights, weights).expand(channels, 1, 5, 5)
-        self.register_buffer("kernel", kernel.clone(), persistent=False)
-
-    def forward(
-        self, image: Float[Tensor, "batch channel height width"]
-    ) -> Float[Tensor, "batch channel height width"]:
-        padded = F.pad(image, (2, 2, 2, 2), mode="replicate")
-        return F.conv2d(padded, self.kernel.to(image.dtype), groups=image.shape[1])
 
 
 def query_mlp(channels: int) -> nn.Sequential:
