@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 from mvsam import weights
 from mvsam.data.catalog import open_data
@@ -40,6 +41,15 @@ def test_tiny_knows_more_labels_of_the_sample_room_than_the_most_frequent(
     constant = evaluate(MajorityLabel(label), samples, PROTOCOLS["paper"])
     assert scores.as_json()["miou"] > constant.as_json()["miou"]
     assert scores.as_json()["accuracy"] > constant.as_json()["accuracy"]
+
+
+def test_the_depth_of_tiny_has_no_stripes(samples: list):
+    """Second differences, of which stripes along rows had made four times as many across rows."""
+    _, views, _ = samples[0]
+    with autocast("cpu"), torch.inference_mode():
+        depth = weights.load("tiny").eval()(views).depth[0]
+    across_rows, across_columns = (depth.diff(n=2, dim=axis).abs().median() for axis in (0, 1))
+    assert across_rows < 1.25 * across_columns and across_rows < 0.002
 
 
 def test_tiny_says_what_it_was_trained_for_and_by_what():
