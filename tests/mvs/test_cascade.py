@@ -147,31 +147,6 @@ def test_no_gradient_flows_from_a_stage_to_the_one_before():
     assert features[0].grad is None and features[1].grad is not None
 
 
-def test_a_second_pass_sweeps_around_what_the_first_found():
-    views = random_views()
-    levels = pyramid(views)
-    once, twice = cascade(), cascade(passes=(1, 2, 1))
-    coarse, first, _ = once(levels, views)
-    stages = twice(levels, views)
-    assert len(stages) == 3
-    torch.testing.assert_close(stages[0].depth, coarse.depth)
-    expected = once.hypotheses(1, [coarse, first], first.depth.shape[-2:], views)
-    torch.testing.assert_close(stages[1].hypotheses, expected)
-    assert not torch.allclose(stages[1].hypotheses, first.hypotheses)
-
-
-def test_gradients_are_those_of_the_last_pass():
-    views = random_views()
-    levels = pyramid(views)
-    twice, once = cascade(passes=(1, 2, 1)), cascade()
-    coarse, first, _ = once(levels, views)
-    twice(levels, views)[1].depth.sum().backward()
-    last = once._stage(1, levels[1], [coarse, first], views, None)
-    last.depth.sum().backward()
-    for name, parameter in once.regularizers[1].named_parameters():
-        torch.testing.assert_close(twice.regularizers[1].get_parameter(name).grad, parameter.grad)
-
-
 def test_a_cascade_of_unequal_lists_is_refused():
     with pytest.raises(ValueError, match="as many regularizers"):
         DepthCascade([CostRegularizer(8)], num_planes=(8, 8), interval_ratios=(1.0,))

@@ -67,9 +67,7 @@ def tiny_encoder(tuned_blocks: int | None) -> SamEncoder:
 
 
 def tiny_cascade(
-    first_scores: Scoring = joint_scores,
-    last_filter: nn.Module | None = None,
-    passes: tuple[int, ...] = (1, 1, 1),
+    first_scores: Scoring = joint_scores, last_filter: nn.Module | None = None
 ) -> DepthCascade:
     """Half the planes in the second sweep, at twice the distance: its window stays +-41 cm."""
     return DepthCascade(
@@ -77,25 +75,20 @@ def tiny_cascade(
         num_planes=(48, 16, 8),
         interval_ratios=(4.0, 2.0, 0.5),
         first_scores=first_scores,
-        passes=passes,
     )
 
 
 def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
     """The paper's network at a size for two CPU cores, with a monocular prior on its depth.
 
-    Each source view has a vote of its own in the first sweep; the second is done twice; the later
-    ones may match in larger pictures than those it learned from.
+    Each source view has a vote of its own in the first sweep; the later ones may match in larger
+    pictures than those it learned from.
     """
     return tiny_base(
         num_classes,
         tuned_blocks=tuned_blocks,
         geometry_encoder=FeaturePyramid(upsampling="bilinear"),
-        cascade=tiny_cascade(
-            voted_scores,
-            last_filter=GridFilter(channels=8),  # as many as planes
-            passes=(1, 2, 1),
-        ),
+        cascade=tiny_cascade(voted_scores, GridFilter(channels=8)),  # as many as planes
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
         has_finer_sweeps=True,

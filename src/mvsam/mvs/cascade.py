@@ -32,8 +32,6 @@ class DepthCascade(nn.Module):
     clamp: "shift" keeps refined windows at or beyond d_min; "none" lets them become negative, as
     CasMVSNet's code does (the paper is silent).
     first_scores: how stage 0 is scored, `joint_scores` or `voted_scores` (not in the paper).
-    passes: how often each stage sweeps, each time around what it found before (the paper: once). A
-    surface beyond the first window comes into the next; gradients are those of the last pass.
     checkpoint_stages: while training, keep no volume for the backward pass, which sweeps and
     regularizes each stage again: less memory, another forward pass of time, the same gradients.
     """
@@ -46,15 +44,13 @@ class DepthCascade(nn.Module):
         num_bins: int = 192,
         clamp: Literal["shift", "none"] = "shift",
         first_scores: Scoring = joint_scores,
-        passes: Sequence[int] = (1, 1, 1),
         checkpoint_stages: bool = False,
     ):
         super().__init__()
-        if not len(regularizers) == len(num_planes) == len(interval_ratios) == len(passes):
+        if not len(regularizers) == len(num_planes) == len(interval_ratios):
             raise ValueError(
                 f"a cascade needs as many regularizers ({len(regularizers)}) as plane counts "
-                f"({len(num_planes)}), interval ratios ({len(interval_ratios)}) and passes "
-                f"({len(passes)})"
+                f"({len(num_planes)}) and interval ratios ({len(interval_ratios)})"
             )
         self.regularizers = nn.ModuleList(regularizers)
         self.num_planes = tuple(num_planes)
@@ -62,7 +58,6 @@ class DepthCascade(nn.Module):
         self.num_bins = num_bins
         self.clamp = clamp
         self.first_scores = first_scores
-        self.passes = tuple(passes)
         self.checkpoint_stages = checkpoint_stages
 
     def forward(
@@ -77,30 +72,18 @@ class DepthCascade(nn.Module):
         """
         stages: list[DepthStage] = []
         for index, features in enumerate(pyramid):
-            found = stages
-            for left in reversed(range(self.passes[index])):
-                with torch.no_grad() if left else nullcontext():
-                    found = [*stages, self._stage(index, features, found, views, prior)]
-            stages = found
+            hypotheses = self.hypotheses(index, stages, features.shape[-2:], views)
+            intrinsics = scale_intrinsics(
+                views.intrinsics,
+                features.shape[-1] / views.width,
+                features.shape[-2] / views.height,
+            )
+            sweep = (features, intrinsics, views.world_from_cam, hypotheses)
+            scores = self.scores(index, *sweep)
+            if index == 0 and prior is not None:
+                scores = scores.float() + log_density(prior, hypotheses)
+            stages.append(regress(scores, hypotheses))
         return stages
-
-    def _stage(
-        self,
-        index: int,
-        features: Float[Tensor, "batch view channel height width"],
-        found: Sequence[DepthStage],
-        views: Views,
-        prior: DepthPrior | None,
-    ) -> DepthStage:
-        """One sweep around the last depth found."""
-        hypotheses = self.hypotheses(index, found, features.shape[-2:], views)
-        intrinsics = scale_intrinsics(
-            views.intrinsics, features.shape[-1] / views.width, features.shape[-2] / views.height
-        )
-        scores = self.scores(index, features, intrinsics, views.world_from_cam, hypotheses)
-        if index == 0 and prior is not None:
-            scores = scores.float() + log_density(prior, hypotheses)
-        return regress(scores, hypotheses)
 
     def scores(
         self,

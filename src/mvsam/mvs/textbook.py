@@ -30,7 +30,7 @@ class TextbookCascade(nn.Module):
             TextbookRegularizer(regularizer) for regularizer in cascade.regularizers
         )
         self.hypotheses = cascade.hypotheses
-        self.first_scores, self.passes = cascade.first_scores, cascade.passes
+        self.first_scores = cascade.first_scores
 
     def forward(
         self,
@@ -41,29 +41,18 @@ class TextbookCascade(nn.Module):
         """One `DepthStage` for each level of the pyramid, coarse to fine."""
         stages: list[DepthStage] = []
         for index, features in enumerate(pyramid):
-            found = stages
-            for _ in range(self.passes[index]):
-                found = [*stages, self._stage(index, features, found, views, prior)]
-            stages = found
+            height, width = features.shape[-2:]
+            hypotheses = self.hypotheses(index, stages, (height, width), views).contiguous()
+            intrinsics = scale_intrinsics(
+                views.intrinsics, width / views.width, height / views.height
+            )
+            sweep = (features.contiguous(), intrinsics, views.world_from_cam, hypotheses)
+            scores_of = self.first_scores if index == 0 else joint_scores
+            scores = scores_of(textbook_variance_volume, self.regularizers[index], *sweep)
+            if index == 0 and prior is not None:
+                scores = scores + log_density(prior, hypotheses)
+            stages.append(textbook_regress(scores, hypotheses))
         return stages
-
-    def _stage(
-        self,
-        index: int,
-        features: Float[Tensor, "batch view channel height width"],
-        found: Sequence[DepthStage],
-        views: Views,
-        prior: DepthPrior | None,
-    ) -> DepthStage:
-        height, width = features.shape[-2:]
-        hypotheses = self.hypotheses(index, found, (height, width), views).contiguous()
-        intrinsics = scale_intrinsics(views.intrinsics, width / views.width, height / views.height)
-        sweep = (features.contiguous(), intrinsics, views.world_from_cam, hypotheses)
-        scores_of = self.first_scores if index == 0 else joint_scores
-        scores = scores_of(textbook_variance_volume, self.regularizers[index], *sweep)
-        if index == 0 and prior is not None:
-            scores = scores + log_density(prior, hypotheses)
-        return textbook_regress(scores, hypotheses)
 
 
 class TextbookRegularizer(nn.Module):
