@@ -2,7 +2,7 @@
 
     python benchmarks/embed.py runs/tiny_joint --name tiny
     python benchmarks/embed.py runs/tiny_joint runs/tiny_semantic_full=0.5 --model tiny --name tiny
-    python benchmarks/embed.py tiny-nyu runs/tiny_sweeps --parts cascade bridge --name tiny-nyu
+    python benchmarks/embed.py tiny runs/tiny_sweeps --parts cascade bridge --name tiny
 
 Later weights replace earlier ones, with --parts in these parts alone; with =SHARE what both have
 becomes their mean, that share of it the later one's (Wortsman et al. 2022). What belongs to no part
@@ -72,6 +72,15 @@ def check_pages(pages: Sequence[WeightsInfo]) -> None:
             raise InputError(f"the weights differ in {name}: they cannot become one file.")
 
 
+def check_parts(parts: Sequence[str], later: Sequence[nn.Module]) -> None:
+    """InputError for a part that later weights lack, or without later weights."""
+    if parts and not later:
+        raise InputError("--parts names what is taken of later weights: give some.")
+    for part in parts:
+        if not all(any(n.startswith(f"{part}.") for n in m.state_dict()) for m in later):
+            raise InputError(f"--parts {part}: not all of the later weights have such a module.")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("weights", nargs="+", type=Part.parse, metavar="WEIGHTS[=SHARE]")
@@ -83,11 +92,12 @@ def main() -> None:
     arguments = parser.parse_args()
     check_shares(arguments.weights)
     loaded = [load(part.weights) for part in arguments.weights]
-    info = loaded[-1].info
+    info = (loaded[0] if arguments.parts else loaded[-1]).info
     check_pages([model.info for model in loaded])
     name = arguments.model or info.model
     model = build(name, info.num_classes)
     model.input_size, model.semantic_size = info.input_size, info.semantic_size
+    check_parts(arguments.parts, loaded[1:])
     fresh = set(model.state_dict())
     for index, (part, other) in enumerate(zip(arguments.weights, loaded, strict=True)):
         mix_in(model, other, part.share, fresh, arguments.parts if index else ())

@@ -85,6 +85,15 @@ def test_of_later_weights_the_named_parts_alone_are_taken(embed, weights, tmp_pa
     assert made.info.training["parts_of_later"] == ["decoder"]
 
 
+@pytest.mark.parametrize(("later", "part"), [((), "decoder"), (("b",), "decoders")])
+def test_parts_that_nothing_has_are_refused(
+    embed, weights, tmp_path, monkeypatch, later: tuple[str, ...], part: str
+):
+    files = [weights["a"], *(weights[name] for name in later)]
+    with pytest.raises(InputError, match="--parts"):
+        run(embed, monkeypatch, *files, "--parts", part, "--out", tmp_path / "made.safetensors")
+
+
 @pytest.mark.parametrize(("first", "later"), [("=0.5", ""), ("", "=1.5"), ("", "=0")])
 def test_a_share_that_says_nothing_is_refused(
     embed, weights, tmp_path, monkeypatch, first: str, later: str

@@ -44,7 +44,7 @@ def test_tiny_knows_more_labels_of_the_sample_room_than_the_most_frequent(
 
 
 def test_the_depth_of_tiny_has_no_stripes(samples: list):
-    """Second differences, of which stripes along rows had made four times as many across rows."""
+    """Metres from row to row and column to column; with stripes .0045 and .0033."""
     _, views, _ = samples[0]
     with autocast("cpu"), torch.inference_mode():
         depth = weights.load("tiny").eval()(views).depth[0]

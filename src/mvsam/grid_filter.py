@@ -16,14 +16,15 @@ class GridFilter(nn.Module):
 
     kernel: Tensor
 
-    def __init__(self, channels: int):
+    def __init__(self):
         super().__init__()
         weights = torch.tensor([1.0, 2.0, 2.0, 2.0, 1.0]) / 8
-        kernel = torch.outer(weights, weights).expand(channels, 1, 5, 5)
-        self.register_buffer("kernel", kernel.clone(), persistent=False)
+        self.register_buffer("kernel", torch.outer(weights, weights), persistent=False)
 
     def forward(
         self, image: Float[Tensor, "batch channel height width"]
     ) -> Float[Tensor, "batch channel height width"]:
+        channels = image.shape[1]
         padded = F.pad(image, (2, 2, 2, 2), mode="replicate")
-        return F.conv2d(padded, self.kernel.to(image.dtype), groups=image.shape[1])
+        kernels = self.kernel.to(image.dtype).expand(channels, 1, 5, 5)
+        return F.conv2d(padded, kernels, groups=channels)

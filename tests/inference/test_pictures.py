@@ -1,6 +1,7 @@
 """The legend of a preview says what its colours mean."""
 
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from mvsam.data.labels import SCANNET20
 from mvsam.inference.pictures import LEGEND_HEIGHT, NEAR_TO_FAR, preview
@@ -26,16 +27,36 @@ def test_the_bar_below_depth_goes_from_near_to_far():
     assert middle.index(near) < middle.index(far)
 
 
+def halves(near: float, far: float) -> np.ndarray:
+    depth = np.full((HEIGHT, WIDTH), far, np.float32)
+    depth[:, : WIDTH // 2] = near
+    return depth
+
+
 def test_the_metres_are_those_of_the_map():
-    depth = np.full((HEIGHT, WIDTH), 2.0, np.float32)
-    depth[:, : WIDTH // 2] = 1.0
-    legends = [legend_of(1, metres * depth, None)[:, :30] for metres in (1.0, 1.0, 2.0)]
-    assert np.array_equal(legends[0], legends[1]) and not np.array_equal(legends[0], legends[2])
+    legend = legend_of(1, halves(1.0, 4.0), None)
+    written = Image.new("RGB", (WIDTH, LEGEND_HEIGHT), "white")
+    draw, font = ImageDraw.Draw(written), ImageFont.load_default(size=11)
+    draw.text((4, LEGEND_HEIGHT / 2), "1.00 m", "black", font, anchor="lm")
+    draw.text((WIDTH - 4, LEGEND_HEIGHT / 2), "4.00 m", "black", font, anchor="rm")
+    for end in (slice(0, 36), slice(-36, None)):
+        assert np.array_equal(legend[:, end], np.array(written)[:, end])
 
 
-def test_depth_that_is_unknown_or_the_same_everywhere_has_a_legend_too():
-    for metres in (0.0, 1.5):
-        legend_of(1, np.full((HEIGHT, WIDTH), metres, np.float32), None)
+def test_a_narrow_panel_has_no_metres_rather_than_some_on_top_of_each_other():
+    picture = np.array(preview(PHOTO[:, :60], halves(1.0, 4.0)[:, :60], None, SCANNET20))
+    assert (picture[HEIGHT:] == 255).all()
+
+
+def test_depth_that_is_unknown_everywhere_has_an_empty_legend():
+    for metres in (0.0, np.inf):
+        legend = legend_of(1, np.full((HEIGHT, WIDTH), metres, np.float32), None)
+        assert (legend[:, :, 0] == 255).all()
+
+
+def test_depth_that_is_the_same_everywhere_or_infinite_in_places_has_a_legend():
+    for depth in (halves(1.5, 1.5), halves(1.5, np.inf)):
+        assert (legend_of(1, depth, None)[:, :36] < 255).any()
 
 
 def test_below_the_labels_stand_the_classes_that_are_there():

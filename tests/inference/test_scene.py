@@ -2,6 +2,7 @@ import errno
 import json
 import logging
 import os
+from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,10 +14,12 @@ from PIL import Image
 import mvsam.files
 from mvsam.data.formats import open_scene
 from mvsam.data.labels import png_palette
+from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.errors import InputError
 from mvsam.files import DiskFullError
 from mvsam.inference.photos import check_size
 from mvsam.inference.pictures import LEGEND_HEIGHT
+from mvsam.inference.record import hash_of_values
 from mvsam.inference.scene import predict_scene
 from tests.inference.fake_model import FakeModel, WholeModel
 from tests.synthetic import SyntheticView, write_posed_folder
@@ -406,3 +409,10 @@ def test_progress_counts_every_reference(scene, out: Path):
     seen = []
     predict_scene(FakeModel(), scene, out, on_photo=lambda *step: seen.append(step))
     assert seen == [(i + 1, 4, f"000{i}") for i in range(4)]
+
+
+def test_the_same_numbers_in_another_network_are_another_run():
+    smooth, blocks = FeaturePyramid(upsampling="bilinear"), FeaturePyramid()
+    smooth.load_state_dict(blocks.state_dict())
+    assert hash_of_values(smooth) != hash_of_values(blocks)
+    assert hash_of_values(blocks) == hash_of_values(deepcopy(blocks))

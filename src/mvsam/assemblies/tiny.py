@@ -57,7 +57,7 @@ def tiny_decoder(num_classes: int) -> SemanticDecoder:
 def smooth_tiny_decoder(num_classes: int) -> SemanticDecoder:
     """`tiny_decoder` with class borders free of combs; not a part of the paper's decoder."""
     decoder = tiny_decoder(num_classes)
-    decoder.upscaling.append(GridFilter(TINY_CHANNELS // 8))
+    decoder.upscaling.append(GridFilter())
     return decoder
 
 
@@ -88,7 +88,7 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
         num_classes,
         tuned_blocks=tuned_blocks,
         geometry_encoder=FeaturePyramid(upsampling="bilinear"),
-        cascade=tiny_cascade(voted_scores, GridFilter(channels=8)),  # as many as planes
+        cascade=tiny_cascade(voted_scores, last_filter=GridFilter()),
         prior=MonocularPrior(TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
         has_finer_sweeps=True,

@@ -21,6 +21,9 @@ from mvsam.commands.shared import (
 from mvsam.errors import InputError, counted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mvsam.data.sampling import ViewTuple
     from mvsam.inference.scene import SceneResult
     from mvsam.types import Model, Scene
 
@@ -110,16 +113,25 @@ class Predict:
             raise InputError(f"--out {out} is the scene itself: choose another folder.")
         result = predict_with_bar(self, model, scene, out)
         print(f"{out}: {counted(len(result.written), 'photo')} predicted{_remark(result)}")
-        if result.written and self.poses == "given":
-            self._hint(model, scene)
+        if result.written and self.poses == "given" and len(result.tuples[0]) > 1:
+            _hint_at_cameras(scene, result.tuples)
 
-    def _hint(self, model: Model, scene: Scene) -> None:
-        """Says what would make depth better, after the maps that nobody had to wait for."""
-        from mvsam.data.check.features import camera_hint
-        from mvsam.inference.photos import fewest_views
 
-        if fewest_views(model) > 1 and (hint := camera_hint(scene)):
-            log.info("%s: %s", scene.name, hint)
+def _hint_at_cameras(scene: Scene, tuples: Sequence[ViewTuple]) -> None:
+    """Says what would make depth better, after the maps, which nothing here can spoil."""
+    from mvsam.data.check.features import camera_hint
+
+    try:
+        features = camera_hint(scene, tuples)
+    except (InputError, OSError) as error:
+        log.info("%s: whether its cameras fit was not asked: %s", scene.name, error)
+        return
+    if features is None:
+        return
+    if features.are_wrong:
+        log.warning("%s: its features lie %s", scene.name, features.sentence)
+    else:
+        log.info("%s: its features lie %s Add another --out.", scene.name, features.sentence)
 
 
 def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) -> SceneResult:

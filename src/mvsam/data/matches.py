@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from PIL import Image
 from torch import Tensor
 
 from mvsam.data.readers.colmap import import_pycolmap
+from mvsam.data.transforms import resize_intrinsics
 from mvsam.errors import InputError
 from mvsam.geometry.epipolar import Matches
 from mvsam.types import Frame
@@ -23,7 +25,8 @@ FEWEST_MATCHES = 15
 MATCHES_PER_PAIR = 100
 """Evenly drawn; more add time alone."""
 LARGEST_SIDE = 1280
-"""Pixels of the photos that features are sought in; what is finer is below `WIDTH`'s pixel."""
+"""Pixels of the photos that features are sought in; larger ones are reduced, which saves seconds
+and costs less than the pixel of `WIDTH` by which matches are judged."""
 
 
 def pixel_size(frames: Sequence[Frame]) -> float:
@@ -39,6 +42,7 @@ def match_photos(name: str, frames: Sequence[Frame]) -> list[Matches]:
     """
     pycolmap = import_pycolmap("corrected poses")
     pycolmap.logging.minloglevel = 2  # errors only
+    frames = [_reduced(frame) for frame in frames]
     with tempfile.TemporaryDirectory() as folder:
         database = Path(folder) / "database.db"
         files = [Path(folder) / f"{index:06d}.png" for index in range(len(frames))]
@@ -50,13 +54,26 @@ def match_photos(name: str, frames: Sequence[Frame]) -> list[Matches]:
             raise InputError(f"{name}: COLMAP cannot match its photos ({error}).") from error
 
 
+def _reduced(frame: Frame) -> Frame:
+    """With a photo of `LARGEST_SIDE` at most, read when asked for, and its intrinsics."""
+    ratio = LARGEST_SIDE / max(frame.size)
+    if ratio >= 1:
+        return frame
+    size = (max(1, round(ratio * frame.size[0])), max(1, round(ratio * frame.size[1])))
+
+    def load() -> np.ndarray:
+        return np.asarray(Image.fromarray(frame.image).resize(size, Image.Resampling.BOX))
+
+    intrinsics = resize_intrinsics(frame.intrinsics, frame.size, size)
+    return replace(frame, size=size, intrinsics=intrinsics, load_image=load)
+
+
 def _matched_pairs(
     pycolmap: Any, database: Path, files: Sequence[Path], frames: Sequence[Frame]
 ) -> list[Matches]:
     names = [file.name for file in files]
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.num_threads = 1  # else photos are numbered as they get ready, and matched so
-    extraction.max_image_size = LARGEST_SIDE
     pycolmap.extract_features(
         database,
         files[0].parent,

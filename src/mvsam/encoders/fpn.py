@@ -49,6 +49,9 @@ class FeaturePyramid(nn.Module):
             Conv2d(wide, narrow, 3, padding=1, bias=False),
         )
 
+    def extra_repr(self) -> str:
+        return f"upsampling={self.upsampling}"
+
     def forward(
         self, images: Float[Tensor, "images 3 height width"]
     ) -> tuple[

@@ -70,6 +70,17 @@ _MIXED = (
 )
 """Rooms as they are photographed casually, with wide steps, and around one thing; 5,001 that no
 earlier stage saw."""
+_KNOWN = "0.4 @ rooms:train:0-1250 + 0.4 @ rooms:wide:0-1250 + 0.2 @ rooms:around:0-324"
+"""2,824 rooms that earlier stages saw."""
+_LATER_SWEEPS = (
+    "cascade.regularizers.1",
+    "cascade.regularizers.2",
+    *(
+        f"geometry_encoder.{name}"
+        for name in ("lateral_half", "lateral_full", "out_half", "out_full")
+    ),
+    *(f"bridge.{name}" for name in ("at_half", "at_full", "out_half", "out_full")),
+)
 _JOINT = "runs/tiny_joint/model.safetensors"
 _SEMANTIC = "runs/tiny_semantic_full/model.safetensors"
 
@@ -104,6 +115,19 @@ _RUNS = (
         loss=JointLoss(),
         optimizer=OptimizerConfig(lr=2e-4, steps=500, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(batch_size=8, seed=13, val_every=250, checkpoint_every=100),
+    ),
+    Experiment(
+        name="tiny_sweeps",
+        about="Last stage of `tiny`: its second and third sweep and what feeds them alone, on "
+        "pixels whose depth lies within their windows, from cameras that are right. Under an hour "
+        "of two cores.",
+        model=ModelConfig("tiny", init=("tiny",)),
+        data=replace(_FULL, train=_KNOWN, pose_noise=(0.0005, 0.01)),
+        loss=JointLoss(beta=0.005, stage_weights=(0.0, 1.0, 4.0), within_windows=True),
+        optimizer=OptimizerConfig(lr=1e-3, steps=600, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(
+            batch_size=8, seed=41, val_every=600, checkpoint_every=25, parts=_LATER_SWEEPS
+        ),
     ),
     Experiment(
         name="tiny",

@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 from mvsam.data.labels import ClassTable, colorize
 
 PREVIEW_HEIGHT = 480
-"""Previews are no higher than this, pixels."""
+"""The pictures of a preview are no higher than this, pixels."""
 
 LEGEND_HEIGHT = 18
 """Of the strip below the maps of a preview that says what their colours mean, pixels."""
@@ -44,7 +44,7 @@ def depth_picture(
 
 def depth_limits(depth: Float[np.ndarray, "height width"]) -> tuple[float, float]:
     """(farthest, nearest) inverse depth, one a metre, without the outer two percent at each end."""
-    known = depth[depth > 0]
+    known = depth[(depth > 0) & np.isfinite(depth)]
     farthest, nearest = np.percentile(1 / known, (2, 98)) if known.size else (0.0, 1.0)
     return float(farthest), float(nearest)
 
@@ -77,11 +77,13 @@ def preview(
     height, width = panels[0].shape[:2]
     legends = [_strip(width)]
     if depth is not None:
-        panels.append(depth_picture(depth[::step, ::step]))
-        legends.append(_depth_legend(width, depth))
+        shown = depth[::step, ::step]
+        panels.append(depth_picture(shown))
+        legends.append(_depth_legend(width, shown))
     if labels is not None:
-        panels.append(_shaded(colorize(labels[::step, ::step], classes), panels[0]))
-        legends.append(_class_legend(width, labels, classes))
+        shown = labels[::step, ::step]
+        panels.append(_shaded(colorize(shown, classes), panels[0]))
+        legends.append(_class_legend(width, shown, classes))
     picture = Image.new("RGB", (width * len(panels), height + LEGEND_HEIGHT))
     for index, (panel, legend) in enumerate(zip(panels, legends, strict=True)):
         picture.paste(Image.fromarray(panel), (width * index, 0))
@@ -90,21 +92,25 @@ def preview(
 
 
 def _depth_legend(width: int, depth: Float[np.ndarray, "height width"]) -> Image.Image:
-    """Metres at the near end, the colours, metres at the far end; empty where none is known."""
+    """Metres at the near end, the colours, metres at the far end.
+
+    Empty where no depth is known or there is no room.
+    """
     legend, font = _strip(width), _font()
-    if not (depth > 0).any():
-        return legend
     farthest, nearest = depth_limits(depth)
+    if farthest <= 0:
+        return legend
     near, far = (f"{1 / end:.2f} m" for end in (nearest, farthest))
-    draw = ImageDraw.Draw(legend)
     begin, end = (round(font.getlength(text)) + 8 for text in (near, far))
+    length = width - begin - end
+    if length < 1:
+        return legend
+    draw = ImageDraw.Draw(legend)
     draw.text((4, LEGEND_HEIGHT / 2), near, "black", font, anchor="lm")
     draw.text((width - 4, LEGEND_HEIGHT / 2), far, "black", font, anchor="rm")
-    length = width - begin - end
-    if length > 0 and farthest < nearest:
-        ramp = 1 / np.linspace(nearest, farthest, length)
-        bar = depth_colors(np.tile(ramp, (LEGEND_HEIGHT - 8, 1)), farthest, nearest)
-        legend.paste(Image.fromarray(bar), (begin, 4))
+    ramp = 1 / np.linspace(nearest, farthest, length)
+    bar = depth_colors(np.tile(ramp, (LEGEND_HEIGHT - 8, 1)), farthest, nearest)
+    legend.paste(Image.fromarray(bar), (begin, 4))
     return legend
 
 

@@ -107,8 +107,11 @@ def hash_of_tuples(tuples: Sequence[ViewTuple]) -> str:
 
 
 def hash_of_values(model: nn.Module) -> str:
-    """16 digits of SHA-256 for all numbers of a model, which may have changed in memory."""
-    digest = hashlib.sha256()
+    """16 digits of SHA-256 for all numbers of a model, which may have changed in memory.
+
+    And for what it prints as: versions of mvsam may do other things with the same numbers.
+    """
+    digest = hashlib.sha256(repr(model).encode())
     for name, value in sorted(model.state_dict().items()):
         digest.update(name.encode())
         # As bytes, because NumPy has no bfloat16.

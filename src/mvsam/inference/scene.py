@@ -51,7 +51,7 @@ unit. Above the first `predict` warns, above the second it stops."""
 
 @dataclass(frozen=True)
 class SceneResult:
-    """What `predict_scene` did, by the names of the photos."""
+    """What `predict_scene` did; photos by their names, where nothing else is said."""
 
     written: list[str]
     kept: list[str]
@@ -60,6 +60,8 @@ class SceneResult:
     """No other photo overlaps these."""
     scores: Scores | None
     """Those of `metrics.json`; None where the scene has no ground truth."""
+    tuples: list[ViewTuple]
+    """Photos that were seen together, by index: each reference and its sources."""
 
 
 def predict_scene(
@@ -120,7 +122,7 @@ def predict_scene(
         work = _Work(session, frames, folder, run, save_npz)
         work.predict_all(tuples, on_photo)
     scores = _scores(folder, scene, frames, work.classes)
-    return SceneResult(work.written, work.kept, skipped, scores)
+    return SceneResult(work.written, work.kept, skipped, scores, tuples)
 
 
 def _check_same_photos(folder: OutputFolder, references: Sequence[Frame]) -> None:

@@ -60,6 +60,12 @@ class DepthCascade(nn.Module):
         self.first_scores = first_scores
         self.checkpoint_stages = checkpoint_stages
 
+    def extra_repr(self) -> str:
+        return (
+            f"num_planes={self.num_planes}, interval_ratios={self.interval_ratios}, "
+            f"first_scores={self.first_scores.__name__}"
+        )
+
     def forward(
         self,
         pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]],

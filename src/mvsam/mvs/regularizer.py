@@ -107,7 +107,8 @@ class CostRegularizer(nn.Module):
     """Three strides down, three up, sums at the skips; `base` channels at the top.
 
     Planes, height and width must be divisible by 8.
-    score_filter: what the scores go through, planes as channels (not in the paper).
+    score_filter: what the scores go through, planes as channels (not in the paper). Where
+    planes are windows of each pixel's own it makes neighbours agree on offsets, not on depths.
     """
 
     def __init__(self, in_channels: int, base: int = 8, score_filter: nn.Module | None = None):

@@ -1,15 +1,17 @@
 """Whether features that photos share lie where the cameras would have them, or a little off."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 
 from mvsam.data.about import About
-from mvsam.data.depth_range import USUAL, DepthRange
+from mvsam.data.depth_range import DepthRange
 from mvsam.data.matches import match_photos, pixel_size
+from mvsam.data.readers.colmap import import_pycolmap
 from mvsam.data.refined import GOOD_ENOUGH, MOST_OFF, apart, camera_distances, without_mistaken
-from mvsam.data.sampling import evenly_spaced, view_tuples
+from mvsam.data.sampling import ViewTuple, evenly_spaced, view_tuples
 from mvsam.errors import InputError, MissingExtraError
 from mvsam.geometry.epipolar import epipolar_distances
 from mvsam.types import Scene
@@ -44,32 +46,38 @@ class Features:
         return not self.disagree and any(pixels > GOOD_ENOUGH for pixels in others)
 
 
-def camera_hint(scene: Scene) -> str | None:
-    """What features say against the cameras, in passing; None: nothing, or they cannot tell.
+def camera_hint(scene: Scene, tuples: Sequence[ViewTuple]) -> Features | None:
+    """What features say against the cameras of two of the tuples; None: nothing to speak of.
 
-    A second or two for half a dozen photos; without the extra `colmap` nothing is asked.
+    Seconds for half a dozen photos; without the extra `colmap` nothing is asked. InputError for a
+    damaged photo.
     """
     if not About.of(scene).has_unit:  # COLMAP's cameras fit, and are refined in metres alone
         return None
-    features = features_of(scene, USUAL, NUM_TUPLES_IN_PASSING)
-    speaks = features.are_off or features.are_wrong
-    return f"its features lie {features.sentence}" if speaks else None
+    inner = evenly_spaced(tuples, NUM_TUPLES_IN_PASSING + 2)[1:-1] or tuples
+    features = _features_of(scene, inner)
+    return features if features.are_off or features.are_wrong else None
 
 
-def features_of(scene: Scene, depth_range: DepthRange, num_tuples: int = NUM_TUPLES) -> Features:
+def features_of(scene: Scene, depth_range: DepthRange) -> Features:
     """Of a dozen photos that are seen together; takes seconds. InputError for a damaged photo."""
     try:
         tuples, _ = view_tuples(scene, NUM_VIEWS, depth_range)
     except InputError:  # no photos overlap: other lines of the report say why
         return _CANNOT_TELL
-    chosen = sorted({i for views in evenly_spaced(tuples, num_tuples) for i in views})
-    frames = [scene.frame(index) for index in chosen]
+    return _features_of(scene, evenly_spaced(tuples, NUM_TUPLES))
+
+
+def _features_of(scene: Scene, tuples: Sequence[ViewTuple]) -> Features:
+    try:
+        import_pycolmap("matched features")
+    except MissingExtraError:
+        return Features("not asked, which takes the extra colmap.")
+    frames = [scene.frame(index) for index in sorted({i for views in tuples for i in views})]
     for frame in frames:
         _ = frame.image
     try:
         matches = match_photos(scene.name, frames)
-    except MissingExtraError:
-        return Features("not asked, which takes the extra colmap.")
     except InputError as error:
         return Features(f"not asked: {error}")
     poses = torch.from_numpy(np.stack([frame.world_from_cam for frame in frames]))
