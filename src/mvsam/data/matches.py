@@ -24,7 +24,7 @@ FEWEST_MATCHES = 15
 """Of a pair; fewer may be chance."""
 MATCHES_PER_PAIR = 100
 """Evenly drawn; more add time alone."""
-LARGEST_SIDE = 1280
+LARGEST_SIDE = 960
 """Pixels of the photos that features are sought in; larger ones are reduced, which saves seconds
 and costs less than the pixel of `WIDTH` by which matches are judged."""
 
