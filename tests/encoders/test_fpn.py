@@ -19,10 +19,10 @@ def test_levels_take_both_signs():
 
 def _weight_of_the_top_down_path(pyramid: FeaturePyramid) -> None:
     """Levels then show what comes from above alone, one channel of it as it is."""
-    for layer in (pyramid.lateral_half, pyramid.lateral_full):
-        torch.nn.init.zeros_(layer.weight)
-        torch.nn.init.zeros_(layer.bias)
-    torch.nn.init.dirac_(pyramid.out_full.weight)
+    for name in ("lateral_half.weight", "lateral_half.bias", "lateral_full.weight"):
+        torch.nn.init.zeros_(pyramid.get_parameter(name))
+    torch.nn.init.zeros_(pyramid.get_parameter("lateral_full.bias"))
+    torch.nn.init.dirac_(pyramid.get_parameter("out_full.weight"))
 
 
 def test_bilinear_upsampling_makes_no_blocks_of_the_coarse_features():
