@@ -1,8 +1,9 @@
-"""Puts the weights of one run, or of several, into the package, in half precision.
+r"""Puts the weights of one run, or of several, into the package, in half precision.
 
     python benchmarks/embed.py runs/tiny_joint --name tiny
     python benchmarks/embed.py runs/tiny_joint runs/tiny_semantic_full=0.5 --model tiny --name tiny
-    python benchmarks/embed.py tiny runs/tiny_sweeps --parts cascade bridge --name tiny
+    python benchmarks/embed.py tiny runs/tiny_sweeps \
+        --parts cascade geometry_encoder bridge --name tiny
 
 Later weights replace earlier ones, with --parts in these parts alone; with =SHARE what both have
 becomes their mean, that share of it the later one's (Wortsman et al. 2022). What belongs to no part
@@ -84,7 +85,10 @@ def check_parts(parts: Sequence[str], later: Sequence[nn.Module]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("weights", nargs="+", type=Part.parse, metavar="WEIGHTS[=SHARE]")
-    parser.add_argument("--model", help="which of `mvsam models`; that of the last weights")
+    parser.add_argument(
+        "--model",
+        help="which of `mvsam models`; that of the last weights, with --parts of the first",
+    )
     parser.add_argument("--parts", nargs="+", default=[], help="modules taken of later weights")
     place = parser.add_mutually_exclusive_group(required=True)
     place.add_argument("--name", help="under which mvsam.load finds it")

@@ -63,6 +63,7 @@ class DepthCascade(nn.Module):
     def extra_repr(self) -> str:
         return (
             f"num_planes={self.num_planes}, interval_ratios={self.interval_ratios}, "
+            f"num_bins={self.num_bins}, clamp={self.clamp}, "
             f"first_scores={self.first_scores.__name__}"
         )
 
