@@ -55,7 +55,7 @@ def camera_hint(scene: Scene, tuples: Sequence[ViewTuple]) -> Features | None:
     if not About.of(scene).has_unit:  # COLMAP's cameras fit, and are refined in metres alone
         return None
     inner = evenly_spaced(tuples, NUM_TUPLES_IN_PASSING + 2)[1:-1] or tuples
-    features = _features_of(scene, inner)
+    features = _features_of(scene, [views[:NUM_VIEWS] for views in inner])
     return features if features.are_off or features.are_wrong else None
 
 
