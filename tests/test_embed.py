@@ -60,13 +60,13 @@ def test_shares_are_those_of_the_later_weights_and_sizes_are_kept(
 
 
 def test_what_no_earlier_weights_have_is_taken_whole(embed, weights, tmp_path, monkeypatch):
-    out = tmp_path / "tiny.safetensors"
+    out = tmp_path / "tiny_base.safetensors"
     run(
         embed,
         monkeypatch,
         weights["a"],
         f"{weights['depth']}=0.5",
-        *("--model", "tiny", "--out", out),
+        *("--model", "tiny_base", "--out", out),
     )
     whole, depth = load(str(out)).state_dict(), load(str(weights["depth"])).state_dict()
     new = [name for name in depth if name.startswith(("cascade", "geometry_encoder", "bridge"))]

@@ -11,8 +11,9 @@ from mvsam.encoders.fpn import FeaturePyramid
 from mvsam.encoders.fusion import SemanticPyramid
 from mvsam.encoders.sam import SamEncoder
 from mvsam.encoders.unet import UNetPyramid
-from mvsam.mvs.cascade import DepthCascade, combined_confidence
-from mvsam.mvs.prior import MonocularPrior
+from mvsam.mvs.cascade import DepthCascade, Weighing, combined_confidence
+from mvsam.mvs.context import ContextNetwork
+from mvsam.mvs.prior import MonocularPrior, log_density
 from mvsam.segmentation.decoder import ConvDecoder, SemanticDecoder
 from mvsam.segmentation.prompts import DepthPrompt
 from mvsam.types import DepthPrior, DepthStage, Model, Prediction, Views
@@ -52,6 +53,7 @@ PARTS_NEEDED = {
     "bridge": ("geometry_encoder", "semantic_encoder"),
     "cascade": ("geometry_encoder",),
     "prior": ("semantic_encoder",),
+    "context": ("cascade", "prior"),
     "prompt": ("decoder",),
     "decoder": ("semantic_encoder",),
 }
@@ -63,7 +65,7 @@ class MultiViewSAM(Model):
 
     It is put together from built parts (`assemblies/`); a part that an ablation lacks is None.
     Raises ValueError for a part whose counterpart in `PARTS_NEEDED` is missing.
-    prior: not the paper's; see `mvs/prior.py`.
+    prior, context: not the paper's; see `mvs/prior.py` and `mvs/context.py`.
     prompt_passes_gradient: whether the segmentation loss reaches the depth through the prompt. The
     paper trains "end-to-end" and does not detach; between the cascade's stages depth is detached.
     has_finer_sweeps: whether pictures larger than `input_size`, with which the model learned, serve
@@ -78,6 +80,7 @@ class MultiViewSAM(Model):
         bridge: SemanticPyramid | None = None,
         cascade: DepthCascade | None = None,
         prior: MonocularPrior | None = None,
+        context: ContextNetwork | None = None,
         prompt: DepthPrompt | None = None,
         decoder: SemanticDecoder | ConvDecoder | None = None,
         prompt_passes_gradient: bool = True,
@@ -89,6 +92,7 @@ class MultiViewSAM(Model):
         self.bridge = bridge
         self.cascade = cascade
         self.prior = prior
+        self.context = context
         self.prompt = prompt
         self.decoder = decoder
         self.prompt_passes_gradient = prompt_passes_gradient
@@ -134,8 +138,8 @@ class MultiViewSAM(Model):
     def decode(self, features: Features, views: Views, reference: int = 0) -> Prediction:
         """Steps (4) to (6) for one view as reference: cascade, prompt, decoder (Sec. 3.2, 3.3).
 
-        Where there is a prior it weighs the cascade's first hypotheses; without a cascade it is
-        only predicted, so that the loss can train it.
+        Where there is a prior it weighs the cascade's first hypotheses, and after it the context;
+        without a cascade the prior is only predicted, so that the loss can train it.
 
         Raises ValueError for a reference that is no view, for another than 0 where the model reads
         measured depth, which belongs to view 0, and for a single view where there is a cascade.
@@ -146,7 +150,8 @@ class MultiViewSAM(Model):
             order = views.reference_first(reference)
             features, views = features.select(order), views.with_reference(reference)
         prior = self._prior(features, views)
-        stages = self.cascade(features.pyramid, views, prior) if self.cascade else []
+        weigh = None if prior is None else self._weighing(features, views, prior)
+        stages = self.cascade(features.pyramid, views, weigh) if self.cascade else []
         depth = stages[-1].depth if stages else None
         confidence = self._confidence(stages, views) if stages else None
         logits = self._segment(features, views, depth) if self.decoder else None
@@ -173,6 +178,19 @@ class MultiViewSAM(Model):
             return None
         assert features.semantic is not None
         return self.prior(features.semantic[:, 0], views)
+
+    def _weighing(self, features: Features, views: Views, prior: DepthPrior) -> Weighing:
+        """What the scores of the first sweep of view 0 go through."""
+
+        def weigh(scores: Tensor, hypotheses: Tensor) -> Tensor:
+            scores = scores + log_density(prior, hypotheses)
+            if self.context is None:
+                return scores
+            assert features.semantic is not None
+            seen = (features.pyramid[0][:, 0], features.semantic[:, 0])
+            return self.context(scores, hypotheses, *seen, prior, views)
+
+        return weigh
 
     def _learned_size(self, views: Views) -> tuple[int, int]:
         """(height, width) at which all but the later sweeps see these pictures."""

@@ -25,6 +25,11 @@ def planes(count: int) -> torch.Tensor:
     return plane_depths(torch.tensor([[0.1, 5.0]]), count)[:, :, None, None]
 
 
+def weighed_by(prior: DepthPrior):
+    """As a model does it that has no more than a prior."""
+    return lambda scores, hypotheses: scores + log_density(prior, hypotheses)
+
+
 def flat_cascade() -> DepthCascade:
     """Whose sweeps say nothing: every hypothesis scores alike."""
     cascade = DepthCascade([CostRegularizer(channels) for channels in (32, 16, 8)]).eval()
@@ -71,7 +76,7 @@ def test_density_equals_the_slow_twin():
 @pytest.mark.parametrize("metres", [1.0, 2.0, 3.0])
 @pytest.mark.parametrize("precision", [5.0, 20.0])
 def test_where_the_sweep_is_silent_depth_is_the_prior_s(views, metres: float, precision: float):
-    depth = flat_cascade()(pyramid(), views, prior_at(metres, precision))[-1].depth
+    depth = flat_cascade()(pyramid(), views, weighed_by(prior_at(metres, precision)))[-1].depth
     torch.testing.assert_close(depth, torch.full_like(depth, metres), atol=0.12, rtol=0.05)
 
 
@@ -83,7 +88,7 @@ def test_a_sweep_that_is_sure_overrules_it(views, metres: float):
     cascade.scores = lambda index, *sweep: (  # pyright: ignore
         sure.expand_as(hypotheses) if index == 0 else torch.zeros(sweep[-1].shape)
     )
-    first = cascade(pyramid(), views, prior_at(metres, 50.0))[0]
+    first = cascade(pyramid(), views, weighed_by(prior_at(metres, 50.0)))[0]
     torch.testing.assert_close(first.depth, hypotheses[:, 20], atol=0.05, rtol=0)
 
 

@@ -84,6 +84,16 @@ def test_within_windows_only_pixels_whose_truth_lies_among_the_hypotheses_teach(
     assert predicted.grad is not None and predicted.grad[0, 0, 0] < 0 == predicted.grad[0, 0, 1]
 
 
+def test_planes_share_the_truth_by_nearness_and_the_first_stage_alone_counts():
+    hypotheses = torch.tensor([1.0, 2.0, 3.0]).view(1, 3, 1, 1).expand(1, 3, 1, 2)
+    probability = torch.tensor([0.2, 0.5, 0.3]).view(1, 3, 1, 1).expand(1, 3, 1, 2)
+    exact = torch.tensor([[[2.25, 0.0]]])  # the second pixel is unknown
+    first = DepthStage(hypotheses, probability, exact, exact)
+    loss = JointLoss(stage_weights=(1.0, 1.0), plane_weight=0.1)
+    value = loss.depth([first, stage(exact)], exact, RANGE)
+    assert value.item() == pytest.approx(-0.1 * (0.75 * math.log(0.5) + 0.25 * math.log(0.3)))
+
+
 def test_a_wrong_number_of_stages_is_refused():
     with pytest.raises(ValueError):
         JointLoss().depth([stage(torch.ones(1, 2, 2))], torch.ones(1, 2, 2), RANGE)

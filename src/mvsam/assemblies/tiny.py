@@ -11,6 +11,7 @@ from mvsam.encoders.sam import ConvStem, SamEncoder
 from mvsam.grid_filter import GridFilter
 from mvsam.model import MultiViewSAM
 from mvsam.mvs.cascade import DepthCascade
+from mvsam.mvs.context import ContextNetwork
 from mvsam.mvs.prior import MonocularPrior
 from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.mvs.votes import Scoring, joint_scores, voted_scores
@@ -81,8 +82,9 @@ def tiny_cascade(
 def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM:
     """The paper's network at a size for two CPU cores, with a monocular prior on its depth.
 
-    Each source view has a vote of its own in the first sweep; the later ones see features without
-    blocks, and may match in larger pictures than those it learned from.
+    Each source view has a vote of its own in the first sweep, and a network that sees around each
+    pixel says how far to trust them; the later sweeps see features without blocks, and may match
+    in larger pictures than those it learned from.
     """
     return tiny_base(
         num_classes,
@@ -90,6 +92,7 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
         geometry_encoder=FeaturePyramid(upsampling="bilinear"),
         cascade=tiny_cascade(voted_scores, last_filter=GridFilter()),
         prior=MonocularPrior(TINY_CHANNELS),
+        context=ContextNetwork(32, TINY_CHANNELS),
         decoder=smooth_tiny_decoder(num_classes),
         has_finer_sweeps=True,
     )
@@ -115,6 +118,7 @@ def tiny_base(
     geometry_encoder: FeaturePyramid | None = None,
     cascade: DepthCascade | None = None,
     prior: MonocularPrior | None = None,
+    context: ContextNetwork | None = None,
     decoder: SemanticDecoder | None = None,
     has_finer_sweeps: bool = False,
 ) -> MultiViewSAM:
@@ -125,6 +129,7 @@ def tiny_base(
         bridge=SemanticPyramid(TINY_CHANNELS, width=16) if has_bridge else None,
         cascade=cascade or tiny_cascade(),
         prior=prior,
+        context=context,
         prompt=DepthPrompt(TINY_CHANNELS),
         decoder=decoder or tiny_decoder(num_classes),
         has_finer_sweeps=has_finer_sweeps,

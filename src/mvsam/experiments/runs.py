@@ -118,7 +118,7 @@ _RUNS = (
     ),
     Experiment(
         name="tiny_sweeps",
-        about="Last stage of `tiny`: its second and third sweep and what feeds them alone, on "
+        about="Fourth stage of `tiny`: its second and third sweep and what feeds them alone, on "
         "pixels whose depth lies within their windows, from cameras that are right. Under an hour "
         "of two cores.",
         model=ModelConfig("tiny", init=("tiny",)),
@@ -127,6 +127,17 @@ _RUNS = (
         optimizer=OptimizerConfig(lr=1e-3, steps=600, gradient_clip=1.0, schedule=OneCycle()),
         train=TrainConfig(
             batch_size=8, seed=41, val_every=600, checkpoint_every=25, parts=_LATER_SWEEPS
+        ),
+    ),
+    Experiment(
+        name="tiny_context",
+        about="Then its context network alone, from the first sweep as it is.",
+        model=ModelConfig("tiny", init=("tiny",)),
+        data=replace(_FULL, train=_KNOWN, pose_noise=(0.003, 0.1), least_pose_noise_share=0.0),
+        loss=JointLoss(beta=0.02, stage_weights=(1.0, 0.0, 0.0), plane_weight=0.15),
+        optimizer=OptimizerConfig(lr=1e-3, steps=4000, gradient_clip=1.0, schedule=OneCycle()),
+        train=TrainConfig(
+            batch_size=8, seed=101, val_every=1000, checkpoint_every=50, parts=("context",)
         ),
     ),
     Experiment(

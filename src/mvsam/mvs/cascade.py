@@ -1,6 +1,6 @@
 """The cascade of Sec. 3.2: three plane sweeps, each narrower and finer than the one before."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Literal
 
@@ -14,10 +14,12 @@ from torch.utils.checkpoint import checkpoint
 from mvsam.geometry.camera import scale_intrinsics
 from mvsam.mvs.cost_volume import variance_volume
 from mvsam.mvs.hypotheses import base_interval, plane_depths, resample_depth, window_hypotheses
-from mvsam.mvs.prior import log_density
 from mvsam.mvs.regularizer import CostRegularizer
 from mvsam.mvs.votes import Scoring, joint_scores
-from mvsam.types import DepthPrior, DepthStage, Views
+from mvsam.types import DepthStage, Views
+
+Weighing = Callable[[Tensor, Tensor], Tensor]
+"""Scores and hypotheses of a stage to new scores, all (batch, plane, height, width)."""
 
 SMOOTHING = 8
 """Pixels of the picture to each side of one that its confidence is averaged over."""
@@ -71,11 +73,11 @@ class DepthCascade(nn.Module):
         self,
         pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]],
         views: Views,
-        prior: DepthPrior | None = None,
+        weigh: Weighing | None = None,
     ) -> list[DepthStage]:
         """One `DepthStage` for each level of the pyramid, coarse to fine.
 
-        prior: of view 0, at the size of the coarsest level; weighs the hypotheses of stage 0.
+        weigh: makes of the scores of stage 0, given its hypotheses, the scores that count.
         """
         stages: list[DepthStage] = []
         for index, features in enumerate(pyramid):
@@ -87,8 +89,8 @@ class DepthCascade(nn.Module):
             )
             sweep = (features, intrinsics, views.world_from_cam, hypotheses)
             scores = self.scores(index, *sweep)
-            if index == 0 and prior is not None:
-                scores = scores.float() + log_density(prior, hypotheses)
+            if index == 0 and weigh is not None:
+                scores = weigh(scores.float(), hypotheses)
             stages.append(regress(scores, hypotheses))
         return stages
 

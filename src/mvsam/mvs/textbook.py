@@ -9,11 +9,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from mvsam.geometry.camera import scale_intrinsics
-from mvsam.mvs.cascade import DepthCascade
+from mvsam.mvs.cascade import DepthCascade, Weighing
 from mvsam.mvs.cost_volume import textbook_variance_volume
-from mvsam.mvs.prior import log_density
 from mvsam.mvs.votes import joint_scores
-from mvsam.types import DepthPrior, DepthStage, Views
+from mvsam.types import DepthStage, Views
 
 
 class TextbookCascade(nn.Module):
@@ -36,7 +35,7 @@ class TextbookCascade(nn.Module):
         self,
         pyramid: Sequence[Float[Tensor, "batch view _channel _h _w"]],
         views: Views,
-        prior: DepthPrior | None = None,
+        weigh: Weighing | None = None,
     ) -> list[DepthStage]:
         """One `DepthStage` for each level of the pyramid, coarse to fine."""
         stages: list[DepthStage] = []
@@ -49,8 +48,8 @@ class TextbookCascade(nn.Module):
             sweep = (features.contiguous(), intrinsics, views.world_from_cam, hypotheses)
             scores_of = self.first_scores if index == 0 else joint_scores
             scores = scores_of(textbook_variance_volume, self.regularizers[index], *sweep)
-            if index == 0 and prior is not None:
-                scores = scores + log_density(prior, hypotheses)
+            if index == 0 and weigh is not None:
+                scores = weigh(scores, hypotheses)
             stages.append(textbook_regress(scores, hypotheses))
         return stages
 

@@ -28,6 +28,9 @@ class JointLoss:
     """Whether a stage learns only from pixels whose truth lies among its hypotheses (not in the
     paper). Of others a narrow window learns no more than which of its ends is nearer, and is drawn
     away from what it can tell."""
+    plane_weight: float = 0.0
+    """Metres; of the cross entropy of the first stage's planes, beside its error (not in the
+    paper). The error alone asks for the mean of the probabilities to be right, not for them."""
     prior_weight: float = 0.1
     """Of the prior's negative log likelihood, where the model has a `MonocularPrior` (neither is in
     the paper)."""
@@ -73,6 +76,11 @@ class JointLoss:
                 f"{len(self.stage_weights)}"
             )
         total = depth.new_zeros(())
+        if self.plane_weight:
+            first = stages[0]
+            target = depth_at(depth, first.depth.shape[-2:])
+            counts = is_depth_known(target, depth_range)
+            total = total + self.plane_weight * masked_mean(plane_entropy(first, target), counts)
         for stage, weight in zip(stages, self.stage_weights, strict=True):
             target = depth_at(depth, stage.depth.shape[-2:])
             error = F.smooth_l1_loss(stage.depth, target, beta=self.beta, reduction="none")
@@ -89,6 +97,16 @@ def is_within(
 ) -> Bool[Tensor, "batch height width"]:
     """Where a depth lies between the nearest and the farthest hypothesis of its pixel."""
     return (depth >= hypotheses.amin(dim=1)) & (depth <= hypotheses.amax(dim=1))
+
+
+def plane_entropy(
+    stage: DepthStage, depth: Float[Tensor, "batch height width"]
+) -> Float[Tensor, "batch height width"]:
+    """Cross entropy of evenly spaced planes; the two around the depth share it by nearness."""
+    interval = stage.hypotheses[:, 1] - stage.hypotheses[:, 0]
+    off = (stage.hypotheses - depth[:, None]).abs() / interval[:, None]
+    share = (1 - off).clamp(min=0)
+    return -(share * stage.probability.clamp(min=1e-7).log()).sum(dim=1)
 
 
 def prior_loss(
