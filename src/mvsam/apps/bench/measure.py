@@ -26,10 +26,10 @@ REGULARIZERS = tuple(f"cascade.regularizers.{stage}" for stage in range(3))
 BOXES = (
     *("semantic_encoder", "geometry_encoder", "bridge", "prior", "cascade"),
     *REGULARIZERS,
-    *("prompt", "decoder"),
+    *("context", "prompt", "decoder"),
 )
 """Parts of a model that are timed apart while predicting; the cascade's time includes that of its
-regularizers. While training, `forward`, `backward` and `optimizer` are timed apart."""
+regularizers and of the context. While training, `forward`, `backward` and `optimizer` are timed apart."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ STAGES: dict[Work, dict[str, str]] = {
         "prior": "prior",
         "cascade": "cascade",
         "regularizers": "its 3D nets",
+        "context": "context",
         "decoder": "decoder",
     },
     "train": {"forward": "forward", "backward": "backward", "optimizer": "optimizer"},
