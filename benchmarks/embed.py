@@ -7,7 +7,7 @@ r"""Puts the weights of one run, or of several, into the package, in half precis
 
 Later weights replace earlier ones, with --parts in these parts alone; with =SHARE what both have
 becomes their mean, that share of it the later one's (Wortsman et al. 2022). What belongs to no part
-of the model is left out.
+of the model is left out; the first weights may lack a part that later ones bring.
 """
 
 import argparse
@@ -16,12 +16,24 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from mvsam.build import build
 from mvsam.errors import InputError
-from mvsam.weights import ASSETS, load, save
-from mvsam.weights.page import WeightsInfo
+from mvsam.weights import ASSETS, WeightsInfo, file_hash, locate, read_info, read_tensors, save
+
+
+class Opened(NamedTuple):
+    """A file of weights, whatever model it fits."""
+
+    info: WeightsInfo
+    tensors: dict[str, Tensor]
+    hash: str
+
+    @staticmethod
+    def of(name: str) -> "Opened":
+        path, page = locate(name)
+        return Opened(read_info(page), read_tensors(path), file_hash(path))
 
 
 class Part(NamedTuple):
@@ -38,15 +50,19 @@ class Part(NamedTuple):
 
 @torch.no_grad()
 def mix_in(
-    model: nn.Module, other: nn.Module, share: float, fresh: set[str], parts: Sequence[str]
+    model: nn.Module,
+    tensors: dict[str, Tensor],
+    share: float,
+    fresh: set[str],
+    parts: Sequence[str],
 ) -> None:
-    """What both have becomes its mean, `share` of it the other's; what is `fresh`, all of it.
+    """What both have becomes its mean, `share` of it theirs; what is `fresh`, all of it.
 
     parts: names of modules that alone take part; all where none is named.
     """
     theirs = {
         name: value
-        for name, value in other.state_dict().items()
+        for name, value in tensors.items()
         if not parts or any(name.startswith(f"{part}.") for part in parts)
     }
     for name, value in model.state_dict().items():
@@ -73,12 +89,12 @@ def check_pages(pages: Sequence[WeightsInfo]) -> None:
             raise InputError(f"the weights differ in {name}: they cannot become one file.")
 
 
-def check_parts(parts: Sequence[str], later: Sequence[nn.Module]) -> None:
+def check_parts(parts: Sequence[str], later: Sequence[Opened]) -> None:
     """InputError for a part that later weights lack, or without later weights."""
     if parts and not later:
         raise InputError("--parts names what is taken of later weights: give some.")
     for part in parts:
-        if not all(any(n.startswith(f"{part}.") for n in m.state_dict()) for m in later):
+        if not all(any(n.startswith(f"{part}.") for n in each.tensors) for each in later):
             raise InputError(f"--parts {part}: not all of the later weights have such a module.")
 
 
@@ -95,7 +111,7 @@ def main() -> None:
     place.add_argument("--out", type=Path, help="another file, in full precision")
     arguments = parser.parse_args()
     check_shares(arguments.weights)
-    loaded = [load(part.weights) for part in arguments.weights]
+    loaded = [Opened.of(part.weights) for part in arguments.weights]
     info = (loaded[0] if arguments.parts else loaded[-1]).info
     check_pages([model.info for model in loaded])
     name = arguments.model or info.model
@@ -104,11 +120,11 @@ def main() -> None:
     check_parts(arguments.parts, loaded[1:])
     fresh = set(model.state_dict())
     for index, (part, other) in enumerate(zip(arguments.weights, loaded, strict=True)):
-        mix_in(model, other, part.share, fresh, arguments.parts if index else ())
+        mix_in(model, other.tensors, part.share, fresh, arguments.parts if index else ())
     if fresh:
         raise InputError(f"none of the weights have {', '.join(sorted(fresh)[:5])} of {name}.")
     shares = [part.share for part in arguments.weights]
-    made_of = [[m.weights_hash, share] for m, share in zip(loaded, shares, strict=True)]
+    made_of = [[each.hash, share] for each, share in zip(loaded, shares, strict=True)]
     target = arguments.out or ASSETS / f"{arguments.name}.safetensors"
     target.parent.mkdir(parents=True, exist_ok=True)
     save(

@@ -9,7 +9,7 @@ import torch
 
 from mvsam.build import build
 from mvsam.errors import InputError
-from mvsam.weights import load, save
+from mvsam.weights import load, read_tensors, save
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "embed.py"
 
@@ -73,6 +73,24 @@ def test_what_no_earlier_weights_have_is_taken_whole(embed, weights, tmp_path, m
     assert new
     for name in new:
         torch.testing.assert_close(whole[name], depth[name], atol=1e-5, rtol=1e-4)
+
+
+def test_a_part_that_the_first_weights_are_too_old_for_comes_from_later_ones(
+    embed, tmp_path, monkeypatch
+):
+    old, new, out = (tmp_path / f"{name}.safetensors" for name in ("old", "new", "out"))
+    for seed, path in enumerate((old, new)):
+        torch.manual_seed(seed)
+        network = build("tiny")
+        if path == old:
+            network.context = None
+        save(network, path, "tiny", training={"run": path.stem})
+    run(embed, monkeypatch, old, new, "--parts", "context", "--out", out)
+    made, first, second = (read_tensors(path) for path in (out, old, new))
+    for name, value in made.items():
+        assert torch.equal(value, (second if name.startswith("context.") else first)[name]), name
+    with pytest.raises(InputError, match="none of the weights have context"):
+        run(embed, monkeypatch, old, "--model", "tiny", "--out", out)
 
 
 def test_of_later_weights_the_named_parts_alone_are_taken(embed, weights, tmp_path, monkeypatch):

@@ -94,7 +94,7 @@ _ASSEMBLIES = (
         _LABELS,
     ),
     ModelSpec("sam_conv", sam_conv, "Table 4: SAM, conv decoder", _PICTURE, _LABELS),
-    ModelSpec("tiny", tiny, "none: for two CPU cores, with a monocular prior", _VIEWS, _BOTH),
+    ModelSpec("tiny", tiny, "none: two CPU cores; a prior and a context network", _VIEWS, _BOTH),
     ModelSpec("tiny_semantic", tiny_semantic, "none: semantic half of tiny", _RGBD, _LABELS),
     ModelSpec("tiny_base", tiny_base, "none: base in the sizes of tiny", _VIEWS, _BOTH),
     ModelSpec(

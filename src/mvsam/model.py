@@ -138,8 +138,9 @@ class MultiViewSAM(Model):
     def decode(self, features: Features, views: Views, reference: int = 0) -> Prediction:
         """Steps (4) to (6) for one view as reference: cascade, prompt, decoder (Sec. 3.2, 3.3).
 
-        Where there is a prior it weighs the cascade's first hypotheses, and after it the context;
-        without a cascade the prior is only predicted, so that the loss can train it.
+        Where there is a prior it weighs the cascade's first hypotheses, and the context network,
+        where there is one, has the last word on them; without a cascade the prior is only
+        predicted, so that the loss can train it.
 
         Raises ValueError for a reference that is no view, for another than 0 where the model reads
         measured depth, which belongs to view 0, and for a single view where there is a cascade.

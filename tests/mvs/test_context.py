@@ -82,8 +82,7 @@ def test_where_it_trusts_nothing_depth_is_what_it_expects(network, views):
     torch.testing.assert_close(best, torch.full_like(best, 2.0 * 1.6487), atol=0.05, rtol=0)
 
 
-def test_what_it_is_told_knows_neither_range_nor_number_of_planes(network, views):
-    """So what it says of twice as many planes, or of a range that goes on, is nearly the same."""
+def test_other_ranges_and_twice_the_planes_change_depth_little(network, views):
     network.out.weight.data.normal_(0, 0.3)
     network.out.bias.data[3] = 2.0
     depths = []
@@ -126,6 +125,38 @@ def test_gradients_reach_it_and_the_sweep(network, views):
     (after.softmax(dim=1) * hypotheses).sum().backward()
     assert scores.grad is not None and scores.grad.abs().max() > 0
     assert all(p.grad is not None and p.grad.abs().max() > 0 for p in network.parameters())
+
+
+def test_gradients_of_two_peaks_far_apart_have_a_bound(network, views):
+    """Those of a quantile between them have none."""
+    network.out.weight.data.normal_(0, 0.1)
+    hypotheses = planes(48)
+    scores = torch.full_like(hypotheses, -16.0)
+    scores[:, [10, 30]] = 0.0
+    scores.requires_grad_()
+    after = network(scores, hypotheses, *seen(), prior(), views).softmax(dim=1)
+    (after * hypotheses).sum(dim=1).mean().backward()
+    assert scores.grad is not None and scores.grad.abs().max() * CELLS**2 < 10
+
+
+def test_autocast_rounds_no_place(network, views):
+    network.out.weight.data.normal_(0, 0.1)
+    hypotheses = planes(48)
+    scores, depths = around(2.0, hypotheses), []
+    for is_cast in (False, True):
+        with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=is_cast):
+            after = network(scores, hypotheses, *seen(), prior(), views).softmax(dim=1)
+        assert after.dtype == torch.float32
+        depths.append((after * hypotheses).sum(dim=1))
+    torch.testing.assert_close(depths[1], depths[0], atol=0.01, rtol=0)
+
+
+def test_more_sources_than_it_ever_saw_count_as_those_it_saw():
+    many = random_views(num_views=8, height=SIDE, width=SIDE)
+    poses = torch.eye(4).repeat(1, 8, 1, 1)
+    many = replace(many, world_from_cam=poses)
+    told = context._of_sources(torch.full((1, 7, CELLS, CELLS), 2.0).log(), many)
+    assert all(count.eq(2).all() for count in told[:3])
 
 
 def test_the_textbook_cascade_asks_it_too():

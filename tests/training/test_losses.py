@@ -94,6 +94,15 @@ def test_planes_share_the_truth_by_nearness_and_the_first_stage_alone_counts():
     assert value.item() == pytest.approx(-0.1 * (0.75 * math.log(0.5) + 0.25 * math.log(0.3)))
 
 
+def test_planes_that_are_surely_wrong_still_learn():
+    hypotheses = torch.tensor([1.0, 2.0, 3.0]).view(1, 3, 1, 1)
+    scores = torch.tensor([0.0, -40.0, -40.0]).view(1, 3, 1, 1).requires_grad_()
+    truth = torch.full((1, 1, 1), 3.0)
+    first = DepthStage(hypotheses, scores.softmax(dim=1), truth, truth)
+    JointLoss(stage_weights=(0.0,), plane_weight=1.0).depth([first], truth, RANGE).backward()
+    assert scores.grad is not None and scores.grad[0, 2].item() == pytest.approx(-1)
+
+
 def test_a_wrong_number_of_stages_is_refused():
     with pytest.raises(ValueError):
         JointLoss().depth([stage(torch.ones(1, 2, 2))], torch.ones(1, 2, 2), RANGE)

@@ -83,8 +83,8 @@ def tiny(num_classes: int = 20, tuned_blocks: int | None = None) -> MultiViewSAM
     """The paper's network at a size for two CPU cores, with a monocular prior on its depth.
 
     Each source view has a vote of its own in the first sweep, and a network that sees around each
-    pixel says how far to trust them; the later sweeps see features without blocks, and may match
-    in larger pictures than those it learned from.
+    pixel says how far to trust that sweep; the later ones see features without blocks, and may
+    match in larger pictures than those it learned from.
     """
     return tiny_base(
         num_classes,

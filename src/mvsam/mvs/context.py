@@ -21,22 +21,33 @@ from mvsam.types import DepthPrior, Views
 
 _QUANTILES = (0.03, 0.1, 0.25, 0.5, 0.75, 0.9, 0.97)
 _LOW, _MEDIAN, _HIGH = 1, 3, 5
-_NEAREST = 0.05
-"""Metres; nothing is nearer, so that the logarithm of depth stays finite."""
-_OUTLIERS = -3.5
-"""Logarithm of the density that the expectation leaves to all other depths."""
-_STEP = 1.05
+_FARTHER = 1.05
 """The factor of depth of which it matters how far it moves a match."""
+_MOST_SOURCES = 4
+"""More than these count as these: it never saw more."""
 _MAPS = len(_QUANTILES) + 1 + 2 + 4 + 2
+"""Quantiles (the highest probability in the median's place), median, prior, sources, rays."""
+
+_NEAREST = 0.05
+"""Metres; nearer depths count as this one, so that their logarithm stays finite."""
+_USUAL_PRECISION, _LEAST_PRECISION, _MOST_PRECISION = 1.5, -3.0, 4.5
+"""Logarithms: deviations of a fifth, of twenty times, of a ninetieth of depth."""
+_ELSEWHERE = -3.5
+"""Logarithm of the density that an expectation leaves to all other depths."""
+_LEAST_TRUST, _MOST_TRUST = -3.0, 1.5
+"""Logarithms of what the probabilities' logarithm is multiplied by."""
+_FIRST_WEIGHT = -3.0
+"""Logit: an expectation begins with a weight of a twentieth."""
 
 
 class ContextNetwork(nn.Module):
     """A 2D U-Net over what the first sweep says; for every pixel a trust and an expectation.
 
-    It sees no planes but quantiles of depth relative to their median, so it knows neither the depth
-    range nor the number of planes. The scores' logarithm is multiplied by the trust, and a Laplace
-    density of the logarithm of depth around the expectation is added to it. It begins by leaving
-    all nearly as it is.
+    It sees no planes but quantiles of depth relative to their median, that median, and the highest
+    probability of a plane, so that other ranges do, and nearly other spacings. The logarithm of the
+    probabilities is multiplied by the trust. To it is added, with a weight, the logarithm of a
+    Laplace density of the logarithm of depth around the expected one. It begins by leaving all
+    nearly as it is.
 
     feature_channels: of the coarsest level of the pyramid. semantic_channels: of SAM's features.
     """
@@ -59,7 +70,7 @@ class ContextNetwork(nn.Module):
         self.out = Conv2d(fine, 4, 3, padding=1)
         nn.init.zeros_(self.out.weight)
         assert self.out.bias is not None
-        self.out.bias.data.copy_(torch.tensor([0.0, 0.0, 0.0, -3.0]))
+        self.out.bias.data.copy_(torch.tensor([0.0, 0.0, 0.0, _FIRST_WEIGHT]))
 
     def forward(
         self,
@@ -73,34 +84,54 @@ class ContextNetwork(nn.Module):
         """New scores of view 0, before the softmax over evenly spaced planes.
 
         scores: with the prior in them. features, semantic: of view 0. Height and width must be
-        divisible by 8.
+        divisible by 8. Gradients reach the scores through the trust in them alone: those of a
+        quantile have no bound.
         """
         log_probability = torch.log_softmax(scores.float(), dim=1)
-        log_quantiles = quantiles(log_probability.exp(), hypotheses).clamp(min=_NEAREST).log()
-        median = log_quantiles[:, _MEDIAN]
+        told = log_probability.detach()
+        log_quantiles = quantiles(told.exp(), hypotheses).clamp(min=_NEAREST).log()
         maps = [
-            *_of_distribution(log_probability, log_quantiles),
+            *_of_distribution(told, log_quantiles),
             *_of_prior(prior, log_quantiles),
             *_of_sources(log_quantiles, views),
             *_of_rays(views, scores.shape[-2:]),
         ]
         summary = torch.cat([torch.stack(maps, dim=1), features.float()], dim=1)
+        shift, precision, trust, weight = self._unet(summary, semantic).float().unbind(dim=1)
+        log_precision = (_USUAL_PRECISION + precision).clamp(_LEAST_PRECISION, _MOST_PRECISION)
+        expected = log_expectation(log_quantiles[:, _MEDIAN] + shift, log_precision, hypotheses)
+        log_trust = trust.clamp(_LEAST_TRUST, _MOST_TRUST)
+        return log_trust.exp()[:, None] * log_probability + weight.sigmoid()[:, None] * expected
+
+    def _unet(
+        self,
+        summary: Float[Tensor, "batch channel height width"],
+        semantic: Float[Tensor, "batch semantic height width"],
+    ) -> Float[Tensor, "batch 4 height width"]:
+        """SAM's features, whose tokens are coarse, enter at a quarter of the size."""
         level0 = self.level0(summary.contiguous(memory_format=torch.channels_last))
         level1 = self.level1(F.avg_pool2d(level0, 2))
         level2 = F.avg_pool2d(level1, 2)
-        around = F.avg_pool2d(semantic.float(), 4).to(level2.dtype)
-        level2 = self.level2(torch.cat([level2, around], dim=1))
+        at_quarter = F.avg_pool2d(semantic.float(), 4).to(level2.dtype)
+        level2 = self.level2(torch.cat([level2, at_quarter], dim=1))
         x = self.level3(F.avg_pool2d(level2, 2))
         x = self.up2(torch.cat([_doubled(x), level2], dim=1))
         x = self.up1(torch.cat([_doubled(x), level1], dim=1))
         x = self.up0(torch.cat([_doubled(x), level0], dim=1))
-        shift, precision, trust, weight = self.out(x).float().unsqueeze(2).unbind(dim=1)
-        log_precision = (1.5 + precision).clamp(-3.0, 4.5)
-        log_depth = hypotheses.clamp(min=_NEAREST).log()
-        off = (log_depth - (median[:, None] + shift)).abs()
-        expected = log_precision - off * log_precision.exp() - log_depth
-        expected = torch.logaddexp(expected, torch.full_like(expected, _OUTLIERS))
-        return trust.clamp(-3.0, 1.5).exp() * log_probability + weight.sigmoid() * expected
+        return self.out(x)
+
+
+def log_expectation(
+    log_depth: Float[Tensor, "batch height width"],
+    log_precision: Float[Tensor, "batch height width"],
+    hypotheses: Float[Tensor, "batch plane height width"],
+) -> Float[Tensor, "batch plane height width"]:
+    """Logarithm of a Laplace density around `log_depth`, one over metres but for a constant."""
+    log_hypotheses = hypotheses.clamp(min=_NEAREST).log()
+    deviation = (log_hypotheses - log_depth[:, None]).abs()
+    precision = log_precision.exp()[:, None]
+    laplace = log_precision[:, None] - deviation * precision - log_hypotheses
+    return torch.logaddexp(laplace, torch.full_like(laplace, _ELSEWHERE))
 
 
 def quantiles(
@@ -123,7 +154,10 @@ def _of_distribution(
     log_probability: Float[Tensor, "batch plane height width"],
     log_quantiles: Float[Tensor, "batch quantile height width"],
 ) -> list[Float[Tensor, "batch height width"]]:
-    """Where its mass lies, as ratios to the median; the highest probability; the median itself."""
+    """Quantiles over the median, the highest probability in the place of its own; the median.
+
+    These maps, as all others, are brought to about -1..1 by factors that were never sought.
+    """
     median = log_quantiles[:, _MEDIAN]
     ratios = [4 * (quantile - median) for quantile in log_quantiles.unbind(dim=1)]
     highest = 4 * log_probability.amax(dim=1).exp()
@@ -146,12 +180,12 @@ def _of_sources(
     The last: how many cells a match moves in the best of those that see the median, where depth
     grows from there by a twentieth; its logarithm.
     """
-    depths = log_quantiles[:, [_LOW, _MEDIAN, _HIGH]].exp()
-    depths = torch.cat([depths, depths[:, 1:2] * _STEP], dim=1)
+    depths = log_quantiles[:, _LOW : _HIGH + 1 : _MEDIAN - _LOW].exp()
+    depths = torch.cat([depths, depths[:, 1:2] * _FARTHER], dim=1)
     places, is_seen = _in_sources(depths, views)
     moved = (places[:, :, 3] - places[:, :, 1]).norm(dim=-1).clamp(max=20.0)
     best = (moved * is_seen[:, :, 1]).amax(dim=1)
-    counts = is_seen[:, :, :3].float().sum(dim=1) / 2
+    counts = is_seen[:, :, :3].float().sum(dim=1).clamp(max=_MOST_SOURCES) / 2
     return [*counts.unbind(dim=1), (best + 0.05).log() / 2 + 0.5]
 
 

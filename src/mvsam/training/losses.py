@@ -30,7 +30,7 @@ class JointLoss:
     away from what it can tell."""
     plane_weight: float = 0.0
     """Metres; of the cross entropy of the first stage's planes, beside its error (not in the
-    paper). The error alone asks for the mean of the probabilities to be right, not for them."""
+    paper). The error alone asks that the mean of the planes be right, not their probabilities."""
     prior_weight: float = 0.1
     """Of the prior's negative log likelihood, where the model has a `MonocularPrior` (neither is in
     the paper)."""
@@ -66,7 +66,8 @@ class JointLoss:
         depth: Float[Tensor, "batch height width"],
         depth_range: Float[Tensor, "batch 2"],
     ) -> Float[Tensor, ""]:
-        """Weighted sum over the stages of smooth L1, mean over pixels with depth inside the range.
+        """Weighted sum over the stages of smooth L1, mean over pixels with depth inside the range;
+        with a `plane_weight`, that much of `plane_entropy` of the first as well.
 
         The ground truth comes down to each stage by the nearest pixel. 0 where no pixel is valid.
         """
@@ -106,7 +107,7 @@ def plane_entropy(
     interval = stage.hypotheses[:, 1] - stage.hypotheses[:, 0]
     off = (stage.hypotheses - depth[:, None]).abs() / interval[:, None]
     share = (1 - off).clamp(min=0)
-    return -(share * stage.probability.clamp(min=1e-7).log()).sum(dim=1)
+    return -(share * stage.probability.clamp(min=1e-30).log()).sum(dim=1)
 
 
 def prior_loss(

@@ -29,7 +29,8 @@ BOXES = (
     *("context", "prompt", "decoder"),
 )
 """Parts of a model that are timed apart while predicting; the cascade's time includes that of its
-regularizers and of the context. While training, `forward`, `backward` and `optimizer` are timed apart."""
+regularizers and of the context. While training, `forward`, `backward` and `optimizer` stand for
+them."""
 
 
 @dataclass(frozen=True)
