@@ -83,7 +83,7 @@ def test_a_part_that_the_first_weights_are_too_old_for_comes_from_later_ones(
         torch.manual_seed(seed)
         network = build("tiny")
         if path == old:
-            network.context = None
+            network.context = None  # pyright: ignore[reportArgumentType]
         save(network, path, "tiny", training={"run": path.stem})
     run(embed, monkeypatch, old, new, "--parts", "context", "--out", out)
     made, first, second = (read_tensors(path) for path in (out, old, new))
