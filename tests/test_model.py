@@ -313,7 +313,7 @@ def test_labelling_a_photo_alone_equals_predicting_it_with_its_own_depth_as_meas
 
 
 @pytest.mark.parametrize(
-    "part", ["bridge", "cascade", "prior", "prompt", "decoder", "geometry_encoder"]
+    "part", ["bridge", "cascade", "prior", "context", "prompt", "decoder", "geometry_encoder"]
 )
 def test_a_part_without_its_counterpart_is_refused(part: str):
     lone = getattr(small_model("tiny"), part)

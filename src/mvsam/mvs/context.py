@@ -17,6 +17,7 @@ from mvsam.convolution import Conv2d, conv_bn_relu
 from mvsam.geometry.camera import invert_intrinsics, pixel_centres, scale_intrinsics
 from mvsam.geometry.warp import MINIMUM_Z
 from mvsam.mvs.cost_volume import sweep_projections
+from mvsam.mvs.prior import log_laplace
 from mvsam.types import DepthPrior, Views
 
 _QUANTILES = (0.03, 0.1, 0.25, 0.5, 0.75, 0.9, 0.97)
@@ -127,10 +128,7 @@ def log_expectation(
     hypotheses: Float[Tensor, "batch plane height width"],
 ) -> Float[Tensor, "batch plane height width"]:
     """Logarithm of a Laplace density around `log_depth`, one over metres but for a constant."""
-    log_hypotheses = hypotheses.clamp(min=_NEAREST).log()
-    deviation = (log_hypotheses - log_depth[:, None]).abs()
-    precision = log_precision.exp()[:, None]
-    laplace = log_precision[:, None] - deviation * precision - log_hypotheses
+    laplace = log_laplace(log_depth, log_precision, hypotheses.clamp(min=_NEAREST).log())
     return torch.logaddexp(laplace, torch.full_like(laplace, _ELSEWHERE))
 
 

@@ -51,6 +51,16 @@ class MonocularPrior(nn.Module):
         return DepthPrior(median + lens[:, None, None], bounded)
 
 
+def log_laplace(
+    log_median: Float[Tensor, "batch h4 w4"],
+    log_precision: Float[Tensor, "batch h4 w4"],
+    log_depth: Float[Tensor, "batch plane h4 w4"],
+) -> Float[Tensor, "batch plane h4 w4"]:
+    """Logarithm of twice Laplace's density of the logarithm of depth, taken over metres."""
+    off = (log_depth - log_median[:, None]).abs()
+    return log_precision[:, None] - off * log_precision.exp()[:, None] - log_depth
+
+
 def log_density(
     prior: DepthPrior, hypotheses: Float[Tensor, "batch plane h4 w4"]
 ) -> Float[Tensor, "batch plane h4 w4"]:
@@ -59,9 +69,7 @@ def log_density(
     The hypotheses span the depth range evenly. Added to the sweep's scores it weighs them.
     """
     log_depth = hypotheses.clamp(min=1e-3).log()
-    off = (log_depth - prior.log_median[:, None]).abs()
-    log_precision = prior.log_precision[:, None]
-    laplace = log_precision - off * log_precision.exp() - log_depth - math.log(2)
+    laplace = log_laplace(prior.log_median, prior.log_precision, log_depth) - math.log(2)
     evenly = -(hypotheses[:, -1:] - hypotheses[:, :1]).clamp(min=1e-3).log()
     return torch.logaddexp(
         laplace + math.log(1 - _OUTLIERS), (evenly + math.log(_OUTLIERS)).expand_as(laplace)
