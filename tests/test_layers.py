@@ -51,7 +51,7 @@ ALLOWED: dict[str, set[str]] = {
     "reconstruction": {"types", "errors", "files", "geometry"},
     "evaluation": {"types", "errors", "precision"},
     "training": {"types", "errors", "precision", "loss_terms", "evaluation"},
-    "inference": MODELS | {"data", "evaluation"},
+    "inference": MODELS | {"data", "evaluation", "reconstruction"},
     "experiments": MODELS
     | {"encoders", "mvs", "baselines", "loss_terms", "data", "training", "evaluation"},
 }

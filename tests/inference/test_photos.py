@@ -32,13 +32,23 @@ def test_every_photo_is_a_reference_by_default_and_is_encoded_once():
 def test_results_have_the_size_of_their_photo():
     images, intrinsics, poses = photos(2)
     images[1] = images[1][:60, :100]
-    small, cut = predict(FakeModel(reads_depth=False), images, intrinsics, poses)
+    small, cut = predict(FakeModel(reads_depth=False), images, intrinsics, poses, fuse=False)
     assert small.depth is not None and cut.depth is not None
     assert small.depth.shape == (96, 128) and small.depth.dtype == np.float32
     assert cut.depth.shape == (60, 100)
     assert cut.confidence is not None and cut.confidence.dtype == np.float32
     assert cut.labels is not None and cut.labels.dtype == np.uint8
     np.testing.assert_allclose(cut.confidence, 0.75)
+
+
+def test_the_depth_of_several_references_heeds_the_others():
+    alone = predict(FakeModel(reads_depth=False), *photos(3), fuse=False)
+    together = predict(FakeModel(reads_depth=False), *photos(3))
+    (one,) = predict(FakeModel(reads_depth=False), *photos(3), references=[0])
+    first, fused = alone[0], together[0]
+    assert first.depth is not None and fused.depth is not None and one.depth is not None
+    np.testing.assert_array_equal(one.depth, first.depth)  # nobody to heed
+    assert fused.depth.dtype == np.float32 and (fused.depth != first.depth).any()
 
 
 def test_the_reference_comes_first_and_its_intrinsics_fit_the_network_size():

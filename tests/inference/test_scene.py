@@ -57,7 +57,8 @@ def test_every_promised_file_is_written(scene, out: Path):
     result = predict_scene(FakeModel(), scene, out, save_npz=True)
     names = ["0000", "0001", "0002", "0003"]
     patterns = ["color/{}.jpg", "depth/{}.png", "depth/{}.npz", "confidence/{}.png"]
-    patterns += ["labels/{}.png", "preview/{}.jpg"]
+    patterns += ["labels/{}.png", "preview/{}.jpg", "own/depth/{}.png", "own/confidence/{}.png"]
+    patterns += ["own/labels/{}.png"]
     wanted = {pattern.format(name) for pattern in patterns for name in names}
     wanted |= {"transforms.json", "classes.json", "metrics.json", "run.json"}
     assert set(files_of(out)) == wanted
@@ -75,7 +76,7 @@ def test_maps_have_the_promised_sizes_and_types(scene, truth, out: Path):
     with Image.open(out / "labels/0001.png") as labels:
         assert labels.mode == "P" and labels.size == SIZE
         assert labels.getpalette() == png_palette()
-    assert (read(out / "confidence/0001.png") == 191).all()  # 0.75 * 255
+    assert (read(out / "own/confidence/0001.png") == 191).all()  # 0.75 * 255
     with Image.open(out / "preview/0001.jpg") as preview:
         assert preview.size == (3 * SIZE[0], SIZE[1] + LEGEND_HEIGHT)
     # The fake repeats the true depth at half the size; the walls' edges are a pixel wide.
@@ -163,8 +164,8 @@ def test_a_second_run_skips_what_is_done(scene, out: Path):
     assert result.written == ["0002"] and len(result.kept) == 3
     assert len(model.decoded) == 1
     after = files_of(out)
-    assert after["depth/0001.png"] == before["depth/0001.png"]
-    assert after["depth/0002.png"] > before["depth/0002.png"]
+    assert after["color/0001.jpg"] == before["color/0001.jpg"]
+    assert after["color/0002.jpg"] > before["color/0002.jpg"]
 
 
 def test_overwrite_makes_everything_anew(scene, out: Path):

@@ -16,5 +16,5 @@ def folder(tmp_path: Path) -> Path:
     write_posed_folder(tmp_path / "room", 4, SIZE)
     model = FakeModel()
     model.input_size = SIZE
-    predict_scene(model, open_scene(tmp_path / "room"), tmp_path / "out")
+    predict_scene(model, open_scene(tmp_path / "room"), tmp_path / "out", fuse=False)
     return tmp_path / "out"

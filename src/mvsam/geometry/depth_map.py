@@ -7,9 +7,7 @@ MILLIMETRES = np.float32(1000)
 """In a metre."""
 
 
-def to_millimetres(
-    depth: Float[np.ndarray, "height width"],
-) -> UInt16[np.ndarray, "height width"]:
+def to_millimetres(depth: Float[np.ndarray, "*pixels"]) -> UInt16[np.ndarray, "*pixels"]:
     """The nearest whole millimetre of metres; all beyond 65.535 m become that."""
     return np.clip(np.rint(depth * MILLIMETRES), 0, 65535).astype(np.uint16)
 

@@ -2,7 +2,9 @@
 
 One photo's maps, NAME being the photo's: `color/NAME.jpg`, `depth/NAME.png` (16-bit millimetres,
 0 = unknown), `depth/NAME.npz` (float32 metres under "depth"), `confidence/NAME.png` (8-bit, 255 =
-1), `labels/NAME.png` (palette, 255 = unlabelled), `preview/NAME.jpg`.
+1), `labels/NAME.png` (palette, 255 = unlabelled), `preview/NAME.jpg`. Where maps heed other
+photos (`fusing.py`), `own/depth/NAME.png`, `own/confidence/NAME.png` and `own/labels/NAME.png` are
+what the model said of this one.
 """
 
 import json
@@ -20,9 +22,10 @@ from mvsam.data.labels import ClassTable, png_palette
 from mvsam.data.transforms import area_resize
 from mvsam.errors import InputError
 from mvsam.files import remove_partial_files, writable_folder, write_json, write_whole
-from mvsam.geometry.depth_map import to_millimetres
+from mvsam.geometry.depth_map import from_millimetres, to_millimetres
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
 from mvsam.inference.pictures import preview
+from mvsam.reconstruction.fusion import PhotoMaps
 from mvsam.types import Frame
 
 FILES = {
@@ -31,10 +34,16 @@ FILES = {
     "depth_float": "depth/{}.npz",
     "confidence": "confidence/{}.png",
     "labels": "labels/{}.png",
+    "own_depth": "own/depth/{}.png",
+    "own_confidence": "own/confidence/{}.png",
+    "own_labels": "own/labels/{}.png",
     "preview": "preview/{}.jpg",
 }
 """Kind of map -> its file; the preview comes last and is written last."""
 _FOLDERS = sorted({Path(pattern).parts[0] for pattern in FILES.values()})
+
+_OWN = {"depth": "own_depth", "confidence": "own_confidence", "labels": "own_labels"}
+"""Kind of map that other photos may correct -> the kind of file that keeps it as it was."""
 
 INDEX_FILES = ("transforms.json", "classes.json", "metrics.json")
 
@@ -71,7 +80,7 @@ class PhotoPrediction:
             "labels": self.labels is not None,
             "preview": True,
         }
-        return [kind for kind in FILES if present[kind]]
+        return [kind for kind in FILES if present.get(kind, False)]
 
 
 class OutputFolder:
@@ -136,19 +145,38 @@ class OutputFolder:
         prediction: PhotoPrediction,
         classes: ClassTable,
     ) -> None:
-        """Writes the maps of one photo, the preview last."""
-        pictures = {
-            "color": lambda: Image.fromarray(image),
-            "depth": lambda: _depth_png(_given(prediction.depth)),
-            "confidence": lambda: _confidence_png(_given(prediction.confidence)),
-            "labels": lambda: _label_png(_given(prediction.labels), classes),
-            "preview": lambda: preview(image, prediction.depth, prediction.labels, classes),
-        }
-        for kind in self.kinds:
-            if kind == "depth_float":
-                self._write_npz(name, _given(prediction.depth))
-            else:
-                self._write_picture(self.file(kind, name), pictures[kind]())
+        """Writes the maps of one photo, the preview last; what was kept of earlier ones goes."""
+        for kind in _OWN.values():
+            self.file(kind, name).unlink(missing_ok=True)
+        self._write(self.kinds, name, image, prediction, classes)
+
+    def maps(self, name: str, own: bool = False) -> PhotoMaps:
+        """Of one photo that is done; depth in steps of a millimetre.
+
+        own: what the model said of it, whatever was written since.
+        """
+
+        def read(kind: str) -> np.ndarray:
+            path, kept = self.file(kind, name), self.file(_OWN[kind], name)
+            with Image.open(kept if own and kept.is_file() else path) as picture:
+                return np.asarray(picture)
+
+        return PhotoMaps(
+            from_millimetres(read("depth")),
+            read("confidence") / np.float32(255),
+            read("labels") if "labels" in self.kinds else None,
+        )
+
+    def write_better(self, name: str, better: PhotoMaps, classes: ClassTable) -> None:
+        """Replaces the maps of one photo; its own are kept apart first."""
+        for kind, own in _OWN.items():
+            kept = self.file(own, name)
+            if kind in self.kinds and not kept.is_file():
+                content = self.file(kind, name).read_bytes()
+                write_whole(kept, lambda file, content=content: file.write(content))
+        photo = load_photo(self.file("color", name))
+        changed = [kind for kind in self.kinds if kind != "color"]
+        self._write(changed, name, photo, PhotoPrediction(*better), classes)
 
     def write_index(self, frames: Iterable[Frame], classes: ClassTable) -> None:
         """Writes `transforms.json`, which lists every photo that is done, and `classes.json`.
@@ -194,6 +222,27 @@ class OutputFolder:
             "transform_matrix": (frame.world_from_cam @ OPENCV_FROM_OPENGL).tolist(),
             **maps,
         }
+
+    def _write(
+        self,
+        kinds: Iterable[str],
+        name: str,
+        image: UInt8[np.ndarray, "height width 3"],
+        prediction: PhotoPrediction,
+        classes: ClassTable,
+    ) -> None:
+        pictures = {
+            "color": lambda: Image.fromarray(image),
+            "depth": lambda: _depth_png(_given(prediction.depth)),
+            "confidence": lambda: _confidence_png(_given(prediction.confidence)),
+            "labels": lambda: _label_png(_given(prediction.labels), classes),
+            "preview": lambda: preview(image, prediction.depth, prediction.labels, classes),
+        }
+        for kind in kinds:
+            if kind == "depth_float":
+                self._write_npz(name, _given(prediction.depth))
+            else:
+                self._write_picture(self.file(kind, name), pictures[kind]())
 
     def _write_npz(self, name: str, depth: np.ndarray) -> None:
         path = self.file("depth_float", name)

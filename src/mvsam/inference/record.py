@@ -19,7 +19,7 @@ from mvsam.types import Frame, Model
 
 IDENTITY = (
     *("scene", "cameras_hash", "model", "weights_hash", "values_hash", "num_views"),
-    *("depth_range", "size", "tuples_hash", "precision"),
+    *("depth_range", "size", "tuples_hash", "precision", "fuse"),
 )
 """Keys in which two runs must agree to share a folder."""
 _DIFFERENCES = {
@@ -27,6 +27,7 @@ _DIFFERENCES = {
     "weights_hash": "of other weights",
     "values_hash": "of other weights, or of an earlier version of mvsam",
     "size": "with another --size, or by an earlier version of mvsam",
+    "fuse": "with another --fuse, or by an earlier version of mvsam",
     "tuples_hash": "made from other view tuples (--tuples, or the scene's views.txt)",
 }
 
@@ -40,6 +41,7 @@ def describe_run(
     depth_range: tuple[float, float],
     size: tuple[int, int],
     precision: Precision,
+    fuse: bool,
     arguments: dict[str, Any] | None,
 ) -> dict[str, Any]:
     """The part of `run.json` that is known before the work begins; tuples: all of the scene's."""
@@ -55,6 +57,7 @@ def describe_run(
         "depth_range": list(depth_range),
         "size": list(size),
         "precision": resolve(precision, device_of(model).type),
+        "fuse": fuse,
         "arguments": arguments or {},
         "versions": versions(),
         "device": _device(model),

@@ -18,6 +18,7 @@ from mvsam.device import device_of
 from mvsam.errors import InputError, counted
 from mvsam.evaluation.evaluate import Scores
 from mvsam.files import write_json
+from mvsam.inference.fusing import fuse_folder
 from mvsam.inference.limits import REMEMBERED_PHOTOS, count_needs, photos_within
 from mvsam.inference.outputs import OutputFolder, PhotoPrediction
 from mvsam.inference.photos import (
@@ -76,6 +77,7 @@ def predict_scene(
     precision: Precision = "auto",
     size: tuple[int, int] | None = None,
     max_memory: int | None = None,
+    fuse: bool = True,
     arguments: dict[str, Any] | None = None,
     on_photo: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> SceneResult:
@@ -89,7 +91,9 @@ def predict_scene(
     `size` is the (width, height) at which the network sees photos; None: `model.input_size`.
     `max_memory` are the bytes this process may come to hold where the model is (RAM or GPU); with
     less, fewer photos are remembered, so it takes longer. It is an estimate (`limits.count_needs`),
-    not a guarantee. `arguments` are recorded in `run.json` as they are.
+    not a guarantee. With `fuse` the maps of all photos in the folder heed each
+    other in the end (`fusing.py`), in a megabyte of RAM a photo. `arguments` are recorded
+    in `run.json` as they are.
     `on_photo(done, total, name)` is called after each photo.
 
     What exists in `out` is whole at any time; after an interruption the next call goes on.
@@ -113,14 +117,15 @@ def predict_scene(
     size = size or model.input_size
     remembered_photos = _photos_within(max_memory, model, size, frames, num_views)
     folder = OutputFolder(Path(out))
-    run = describe_run(
-        model, scene.name, frames, num_views, all_tuples, depth_range, size, precision, arguments
-    )
+    seen = (model, scene.name, frames, num_views, all_tuples, depth_range, size)
+    run = describe_run(*seen, precision, fuse, arguments)
     _prepare(folder, run, chosen, overwrite, save_npz)
     folder.remove_partial()
     with Session(model, depth_range, remembered_photos, precision, size) as session:
         work = _Work(session, frames, folder, run, save_npz)
         work.predict_all(tuples, on_photo)
+    if fuse:
+        work.fuse()
     scores = _scores(folder, scene, frames, work.classes)
     return SceneResult(work.written, work.kept, skipped, scores, tuples)
 
@@ -231,6 +236,17 @@ class _Work:
             on_photo(count, len(tuples), name)
         if self.written:
             self._write_run(describe_cost(self.session.stopwatch.seconds, len(self.written)))
+
+    def fuse(self) -> None:
+        """Unless the folder says that it was done since its last photo came."""
+        run = self.folder.read_run()
+        if run is None or run.get("is_fused"):
+            return
+        with self.session.stopwatch("fuse"):
+            fuse_folder(self.folder, self.frames, self.classes)
+        taken = round(self.session.stopwatch.seconds["fuse"], 3)
+        seconds = run.get("seconds", {}) | {"fuse": taken}
+        write_json(self.folder.path / "run.json", run | {"seconds": seconds, "is_fused": True})
 
     def _write(self, frame: Frame, prediction: PhotoPrediction) -> None:
         if not self.folder.kinds:

@@ -8,7 +8,12 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from mvsam.errors import InputError, counted
-from mvsam.reconstruction.filtering import back_project, neighbours, trusted
+from mvsam.reconstruction.filtering import (
+    back_project,
+    few_points,
+    neighbours,
+    trusted,
+)
 from mvsam.reconstruction.folder import DepthView
 from mvsam.reconstruction.settings import CloudSettings
 from mvsam.types import IGNORE
@@ -156,7 +161,7 @@ def trusted_depths(
     """
     # Each depth is read as a reference and again as a neighbour: keep the recent ones.
     read_depth = lru_cache(maxsize=4 * settings.neighbours)(lambda index: views[index].depth())
-    samples = [_few_points(view, read_depth(index)) for index, view in enumerate(views)]
+    samples = [few_points(view, read_depth(index)) for index, view in enumerate(views)]
     for index, view in enumerate(views):
         near = neighbours(views, samples, index, settings.neighbours)
         depth = read_depth(index)
@@ -182,9 +187,3 @@ def points_of(view: DepthView, depth: Float[np.ndarray, "height width"]) -> Poin
         labels=view.labels()[keep],
         confidence=view.confidence()[keep],
     )
-
-
-def _few_points(view: DepthView, depth: np.ndarray) -> np.ndarray:
-    """About 300 world points of a photo, enough to tell who else sees them."""
-    step = max(int(np.sqrt(depth.size / 300)), 1)
-    return back_project(view, depth)[::step, ::step][depth[::step, ::step] > 0]

@@ -85,6 +85,14 @@ def neighbours(
     return [int(index) for index in best if seen[index] > 0.05]
 
 
+def few_points(
+    camera: Camera, depth: Float[np.ndarray, "height width"]
+) -> Float[np.ndarray, "point 3"]:
+    """About 300 world points of a photo, enough to tell who else sees them."""
+    step = max(int(np.sqrt(depth.size / 300)), 1)
+    return back_project(camera, depth)[::step, ::step][depth[::step, ::step] > 0]
+
+
 def trusted(
     camera: Camera,
     depth: Float[np.ndarray, "height width"],

@@ -17,23 +17,16 @@ from PIL import Image, UnidentifiedImageError
 from mvsam.errors import InputError
 from mvsam.geometry.depth_map import from_millimetres
 from mvsam.geometry.pose import OPENCV_FROM_OPENGL
+from mvsam.reconstruction.thinning import ThinnedCamera, thin
 from mvsam.types import IGNORE
 
 Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
-class DepthView:
+class DepthView(ThinnedCamera):
     """One photo of a `predict` folder; maps are read when asked for."""
 
-    size: tuple[int, int]
-    """(width, height) of the thinned maps."""
-    step: int
-    """Every step-th pixel of the photo is kept."""
-    intrinsics: Float[np.ndarray, "3 3"]
-    """Pixels of the thinned maps, corner convention."""
-    world_from_cam: Float[np.ndarray, "4 4"]
-    """Metres, OpenCV axes."""
     photo_path: Path
     depth_path: Path
     confidence_path: Path | None
@@ -73,13 +66,7 @@ class DepthView:
             raise InputError(
                 f"{path} is smaller than transforms.json says: run mvsam predict again"
             )
-        return _middle_pixels(pixels, self.step, self.size)
-
-
-def _middle_pixels(pixels: np.ndarray, step: int, size: tuple[int, int]) -> np.ndarray:
-    """The middle pixel of each step x step block; its centre is the block's for odd steps."""
-    width, height = size
-    return pixels[step // 2 :: step, step // 2 :: step][:height, :width]
+        return self.thinned(pixels)
 
 
 def open_picture(path: Path) -> Image.Image:
@@ -128,22 +115,13 @@ def file_of(folder: Path, frame: dict[str, Any], key: str) -> Path | None:
 
 
 def _view(folder: Path, frame: dict[str, Any], longest_side: int) -> DepthView:
-    width, height = frame["w"], frame["h"]
-    step = -(-max(width, height) // longest_side)
-    # The kept pixel's centre (step // 2 + 0.5) must land on (0.5, 0.5) of the thinned map.
-    shift = 0.5 - (step // 2 + 0.5) / step
     intrinsics = np.array(
-        [
-            [frame["fl_x"] / step, 0.0, frame["cx"] / step + shift],
-            [0.0, frame["fl_y"] / step, frame["cy"] / step + shift],
-            [0.0, 0.0, 1.0],
-        ]
+        [[frame["fl_x"], 0.0, frame["cx"]], [0.0, frame["fl_y"], frame["cy"]], [0.0, 0.0, 1.0]]
     )
+    world_from_cam = np.array(frame["transform_matrix"], np.float64) @ OPENCV_FROM_OPENGL
+    camera = thin((frame["w"], frame["h"]), intrinsics, world_from_cam, longest_side)
     return DepthView(
-        size=(max(width // step, 1), max(height // step, 1)),
-        step=step,
-        intrinsics=intrinsics,
-        world_from_cam=np.array(frame["transform_matrix"], np.float64) @ OPENCV_FROM_OPENGL,
+        **vars(camera),
         photo_path=folder / frame["file_path"],
         depth_path=folder / frame["depth_file_path"],
         confidence_path=file_of(folder, frame, "confidence_file_path"),
