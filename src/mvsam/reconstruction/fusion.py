@@ -32,6 +32,8 @@ STEEPEST = 0.05
 """Change of the logarithm of depth from pixel to pixel; where it is larger a surface ends."""
 OWN_VOTE = 1.5
 """Votes for the label that a photo gives itself; a neighbour has one at most."""
+REACH = 3
+"""Pixels to each side over which votes and confirmations are gathered: points land irregularly."""
 
 
 class PhotoMaps(NamedTuple):
@@ -83,7 +85,9 @@ def corrections(cameras: Sequence[Camera], maps: Sequence[PhotoMaps]) -> list[Co
 
     total = [np.zeros_like(own.depth) for own in maps]
     found: list[Correction] = []
-    for _ in range(ROUNDS):
+    for turn in range(ROUNDS):
+        if turn < ROUNDS - 1:  # one vote is enough
+            believed = [own._replace(labels=None) for own in believed]
         with ThreadPoolExecutor() as pool:
             found = list(pool.map(second_opinion, range(len(maps))))
         total = [sum_ + each.log_ratio for sum_, each in zip(total, found, strict=True)]
@@ -176,7 +180,8 @@ def correction(own: PhotoMaps, opinions: Iterable[Opinion]) -> Correction:
             ballot.add(other.labels, nearness)
         seen += other.is_seen
         confirmed += other.is_seen * np.exp(-distance / AGREES)
-    share = np.where(seen > 0, confirmed / np.maximum(seen, 1), 1)
+    seen, confirmed = _gathered(np.stack([seen, confirmed]))
+    share = np.where(seen > 0.5, confirmed / np.maximum(seen, 0.5), 1)
     labels = None if ballot is None else ballot.winners()
     return Correction(moment / total, UNCONFIRMED + (1 - UNCONFIRMED) * share, labels)
 
@@ -200,7 +205,22 @@ class _Ballot:
         self._votes[labels.ravel(), self._pixels] += weight.ravel()
 
     def winners(self) -> UInt8[np.ndarray, "height width"]:
-        return self._votes.argmax(axis=0).astype(np.uint8).reshape(self.size)
+        votes = _gathered(self._votes.reshape(-1, *self.size))
+        return votes.argmax(axis=0).astype(np.uint8)
+
+
+def _gathered(
+    maps: Float32[np.ndarray, "map height width"],
+) -> Float32[np.ndarray, "map height width"]:
+    """Sums over a square around each pixel, as much of it as lies in the picture."""
+    for axis in (1, 2):
+        size = maps.shape[axis]
+        padding = [(0, 0)] * 3
+        padding[axis] = (REACH + 1, REACH)
+        sums = np.pad(maps, padding).cumsum(axis=axis)
+        last, first = np.arange(size) + 2 * REACH + 1, np.arange(size)
+        maps = sums.take(last, axis=axis) - sums.take(first, axis=axis)
+    return maps
 
 
 def _nearest_last(depth: Float32[np.ndarray, " point"]) -> Int[np.ndarray, " point"]:
