@@ -1,4 +1,4 @@
-r"""What photos gain from heeding each other: `mvsam predict` with and without `--fuse`.
+r"""What photos gain from heeding each other: `mvsam predict` with and without `--alone`.
 
     python benchmarks/fused.py DATA/redkitchen_a DATA/tum_fr3_cabinet --poses refined
     python benchmarks/fused.py rooms:val:0-24 --out results/fused_rooms.json
@@ -10,7 +10,7 @@ of it, within 0.1 to 5 m. Scenes of one data set are one row.
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,7 +21,6 @@ from rich.console import Console
 from rich.table import Table
 
 from mvsam.data.catalog import open_data
-from mvsam.data.formats import Poses
 from mvsam.data.labels import classes_of_model
 from mvsam.data.transforms import resize_nearest
 from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics, rel_of_most_confident
@@ -81,13 +80,15 @@ class Tally:
         }
 
 
-def measure(model: Model, scenes: Iterator[Scene], num_views: int) -> dict:
+def measure(
+    model: Model, scenes: Sequence[Scene], num_views: int, size: tuple[int, int] | None
+) -> dict:
     """Scores of each photo alone, and of what its neighbours made of it."""
     num_classes = len(classes_of_model(model))
     alone, fused, seconds, photos = Tally(num_classes), Tally(num_classes), 0.0, 0
     for scene in scenes:
         with TemporaryDirectory() as out:
-            result = predict_scene(model, scene, out, num_views=num_views)
+            result = predict_scene(model, scene, out, num_views=num_views, size=size)
             folder = OutputFolder(Path(out))
             run = folder.read_run()
             assert run is not None
@@ -110,22 +111,22 @@ def main() -> None:
     parser.add_argument("--model", default="tiny", help="name, weights file or hub id")
     parser.add_argument("--poses", choices=("given", "refined"), default="given")
     parser.add_argument("--views", type=int, default=3)
+    parser.add_argument("--size", type=int, nargs=2, help="for the network, as mvsam predict")
     parser.add_argument("--out", type=Path, help="JSON file to write")
     arguments = parser.parse_args()
     model, poses = load(arguments.model).eval(), arguments.poses
     rows = {
-        Path(name).name: measure(model, iter(scenes_of(name, poses)), arguments.views)
+        Path(name).name: measure(
+            model, list(open_data(name, poses=poses)), arguments.views, arguments.size
+        )
         for name in arguments.data
     }
     Console(width=120).print(table(rows))
     if arguments.out:
         about = {"model": arguments.model, "weights_hash": model.weights_hash}
-        about |= {"poses": poses, "num_views": arguments.views, **provenance()}
+        about |= {"poses": poses, "num_views": arguments.views, "size": arguments.size}
+        about |= provenance()
         arguments.out.write_text(json.dumps(about | {"data": rows}, indent=2) + "\n")
-
-
-def scenes_of(name: str, poses: Poses) -> list[Scene]:
-    return list(open_data(name, poses=poses))
 
 
 def table(rows: dict) -> Table:

@@ -105,7 +105,7 @@ def test_a_photo_predicted_anew_forgets_its_earlier_own_maps(scene, tmp_path: Pa
 
 def test_a_folder_is_either_fused_or_not(scene, tmp_path: Path):
     predict_scene(FakeModel(), scene, tmp_path / "out", fuse=False)
-    with pytest.raises(InputError, match=r"with another --fuse.*--overwrite"):
+    with pytest.raises(InputError, match=r"differ in --alone.*--overwrite"):
         predict_scene(FakeModel(), scene, tmp_path / "out")
     predict_scene(FakeModel(), scene, tmp_path / "out", overwrite=True)
     assert (tmp_path / "out" / "own" / "depth" / "0003.png").is_file()

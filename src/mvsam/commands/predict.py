@@ -72,10 +72,10 @@ class Predict:
     """Where the network runs; auto takes a GPU where there is one."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """auto: bfloat16 where the device multiplies it natively; elsewhere it would be slower."""
-    fuse: bool = True
-    """Let the maps of each photo heed those of its neighbours in the end, some tenths of a second a
-    photo: depth is then 6 to 25 % better where many see the same. What the network said of each
-    photo stays in own/."""
+    alone: bool = False
+    """Leave each photo's maps as the network made them from its own few views. Else those of up to
+    20 neighbours correct them in the end, which takes some tenths of a second a photo and makes
+    depth and labels better where many photos see the same (own/ keeps the former)."""
     size: tuple[int, int] | None = None
     """Width and height at which the network sees the photos, multiples of 32; those it was trained
     with where they are not given. 480 384 gives tiny finer depth of photos as large, in 1.6 times
@@ -156,7 +156,7 @@ def predict_with_bar(arguments: Predict, model: Model, scene: Scene, out: Path) 
             precision=arguments.precision,
             size=arguments.size,
             max_memory=_bytes(arguments.max_memory),
-            fuse=arguments.fuse,
+            fuse=not arguments.alone,
             arguments=json.loads(json.dumps(asdict(arguments), default=str)),
             on_photo=lambda done, total, _: progress.update(task, completed=done, total=total),
         )

@@ -27,7 +27,7 @@ _DIFFERENCES = {
     "weights_hash": "of other weights",
     "values_hash": "of other weights, or of an earlier version of mvsam",
     "size": "with another --size, or by an earlier version of mvsam",
-    "fuse": "with another --fuse, or by an earlier version of mvsam",
+    "fuse": "that differ in --alone, or of an earlier version of mvsam",
     "tuples_hash": "made from other view tuples (--tuples, or the scene's views.txt)",
 }
 
