@@ -3,7 +3,8 @@
     python benchmarks/rooms.py tiny --data rooms:val --limit 100 --out results/rooms_val.json
 
 Rooms are photographed at 320x256, or at the size of `--photos`; the network sees them at that of
-`--size`; scores stay at 320x256.
+`--size`; scores stay at 320x256. With `--fuse` every view of a tuple is predicted, and all heed each
+other, as in `mvsam.predict`; that of the reference is scored.
 The constants are the median depth and the most frequent label of the very tuples that are scored:
 the best that an answer without looking can do.
 """
@@ -14,8 +15,11 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+import torch
 from rich.console import Console
 from rich.table import Table
+from torch.nn.functional import one_hot
 
 from mvsam.data.catalog import open_data
 from mvsam.data.dataset import TupleDataset
@@ -30,6 +34,10 @@ from mvsam.evaluation.yardsticks import (
     median_depth,
 )
 from mvsam.provenance import provenance
+from mvsam.reconstruction.fusion import PhotoMaps, corrections
+from mvsam.reconstruction.thinning import ThinnedCamera, thin
+from mvsam.training.module import predict_references
+from mvsam.types import Model, Prediction, Views
 from mvsam.weights import load
 
 
@@ -44,6 +52,43 @@ class Tuples:
         return (self.read(index) for index in self.indices)
 
 
+class Heeding:
+    """A model whose predictions of all views of a tuple heed each other; says those of view 0."""
+
+    def __init__(self, model: Model):
+        self.model = model
+
+    def __call__(self, views: Views) -> Prediction:
+        predictions = predict_references(self.model, views, views.num_views)
+        maps = [_maps_of(prediction) for prediction in predictions]
+        better = corrections(_cameras(views), maps)[0].applied(maps[0])
+        depth, confidence = (torch.from_numpy(x)[None] for x in (better.depth, better.confidence))
+        logits = predictions[0].logits
+        if logits is not None and better.labels is not None:
+            chosen = torch.from_numpy(better.labels.astype(np.int64))
+            logits = one_hot(chosen, logits.shape[1]).movedim(-1, 0)[None].float()
+        return Prediction(depth, confidence, logits)
+
+
+def _maps_of(prediction: Prediction) -> PhotoMaps:
+    assert prediction.depth is not None and prediction.confidence is not None
+    labels = prediction.labels
+    return PhotoMaps(
+        prediction.depth[0].float().numpy(),
+        prediction.confidence[0].float().numpy(),
+        None if labels is None else labels[0].numpy().astype(np.uint8),
+    )
+
+
+def _cameras(views: Views) -> list[ThinnedCamera]:
+    size = (views.width, views.height)
+    pairs = zip(views.intrinsics[0], views.world_from_cam[0], strict=True)
+    return [
+        thin(size, intrinsics.double().numpy(), pose.double().numpy(), max(size))
+        for intrinsics, pose in pairs
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("models", nargs="+", help="names or weights files")
@@ -55,6 +100,9 @@ def main() -> None:
     )
     parser.add_argument(
         "--size", type=int, nargs=2, default=(320, 256), help="for the network, as mvsam predict"
+    )
+    parser.add_argument(
+        "--fuse", action="store_true", help="views heed each other, as mvsam predict"
     )
     parser.add_argument("--out", type=Path, help="JSON file to write")
     arguments = parser.parse_args()
@@ -79,7 +127,8 @@ def main() -> None:
     for name, model in models.items():
         size = tuple(arguments.size)
         seen = samples if size == protocol.size else samples_at(size)
-        scores[name] = evaluate(model, seen, protocol, precision="auto")
+        answer = Heeding(model.eval()) if arguments.fuse else model
+        scores[name] = evaluate(answer, seen, protocol, precision="auto")
     totals = {
         name: {k: v for k, v in result.as_json().items() if k != "scenes"}
         for name, result in scores.items()
@@ -91,6 +140,7 @@ def main() -> None:
             "num_views": arguments.views,
             "photos": arguments.photos,
             "size": arguments.size,
+            "fuse": arguments.fuse,
             **provenance(),
             "scores": totals,
         }
