@@ -3,8 +3,8 @@
     python benchmarks/rooms.py tiny --data rooms:val --limit 100 --out results/rooms_val.json
 
 Rooms are photographed at 320x256, or at the size of `--photos`; the network sees them at that of
-`--size`; scores stay at 320x256. With `--fuse` every view of a tuple is predicted, and all heed each
-other, as in `mvsam.predict`; that of the reference is scored.
+`--size`; scores stay at 320x256. With `--fuse` every view of a tuple is predicted, and all heed
+each other, as in `mvsam.predict`; that of the reference is scored.
 The constants are the median depth and the most frequent label of the very tuples that are scored:
 the best that an answer without looking can do.
 """
