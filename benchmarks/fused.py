@@ -96,7 +96,7 @@ def measure(
             for index in range(len(scene)):
                 frame = scene.frame(index)
                 if folder.is_done(frame.name):
-                    alone.add(folder.maps(frame.name, own=True), frame)
+                    alone.add(folder.own_maps(frame.name), frame)
                     fused.add(folder.maps(frame.name), frame)
     return {
         "alone": alone.scores(),

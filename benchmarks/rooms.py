@@ -60,8 +60,8 @@ class Heeding:
 
     def __call__(self, views: Views) -> Prediction:
         predictions = predict_references(self.model, views, views.num_views)
-        maps = [_maps_of(prediction) for prediction in predictions]
-        better = corrections(_cameras(views), maps)[0].applied(maps[0])
+        cameras, maps = _cameras(views), [_maps_of(prediction) for prediction in predictions]
+        better = corrections(cameras, maps)[0].applied(maps[0], cameras[0])
         depth, confidence = (torch.from_numpy(x)[None] for x in (better.depth, better.confidence))
         logits = predictions[0].logits
         if logits is not None and better.labels is not None:

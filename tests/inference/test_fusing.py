@@ -1,15 +1,19 @@
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from mvsam.data.formats import open_scene
 from mvsam.errors import InputError
+from mvsam.inference import fusing
 from mvsam.inference.outputs import OutputFolder
 from mvsam.inference.scene import predict_scene
-from mvsam.types import Scene
+from mvsam.types import Prediction, Scene
 from tests.inference.fake_model import FakeModel
 from tests.synthetic import write_posed_folder
 
@@ -63,8 +67,8 @@ def test_photos_that_come_later_change_the_earlier_ones_as_if_all_came_at_once(
 
 def test_a_photo_alone_stays_as_it_is(scene, tmp_path: Path):
     predict_scene(FakeModel(), scene, tmp_path / "out", references=["0001"])
-    assert not (tmp_path / "out" / "own").exists()
     assert (read(tmp_path / "out" / "confidence" / "0001.png") == 191).all()
+    assert "is_fused" not in json.loads((tmp_path / "out" / "run.json").read_text())
 
 
 def test_after_an_interruption_it_ends_with_the_same_maps(scene, tmp_path: Path, monkeypatch):
@@ -73,8 +77,8 @@ def test_after_an_interruption_it_ends_with_the_same_maps(scene, tmp_path: Path,
             raise KeyboardInterrupt
         write(self, name, *rest)
 
-    write = OutputFolder.write_better
-    monkeypatch.setattr(OutputFolder, "write_better", stop_at_the_third)
+    write = OutputFolder.replace_maps
+    monkeypatch.setattr(OutputFolder, "replace_maps", stop_at_the_third)
     with pytest.raises(KeyboardInterrupt):
         predict_scene(FakeModel(), scene, tmp_path / "stopped")
     monkeypatch.undo()
@@ -93,19 +97,60 @@ def test_what_is_fused_is_not_fused_again(scene, tmp_path: Path):
     assert (out / "depth" / "0001.png").stat().st_mtime_ns == before
 
 
-def test_a_photo_predicted_anew_forgets_its_earlier_own_maps(scene, tmp_path: Path):
+def test_a_photo_that_lost_a_map_is_predicted_anew(scene, tmp_path: Path):
     out = tmp_path / "out"
     predict_scene(FakeModel(), scene, out)
     before = maps_of(out)
-    Image.fromarray(np.full((96, 128), 9, np.uint8)).save(out / "own" / "confidence" / "0002.png")
-    (out / "labels" / "0002.png").unlink()
-    predict_scene(FakeModel(), scene, out)
+    for lost in ("labels/0002.png", "own/depth/0003.png"):
+        (out / lost).unlink()
+    result = predict_scene(FakeModel(), scene, out)
+    assert result.written == ["0002", "0003"]
     assert_same(maps_of(out), before)
+
+
+def test_larger_photos_are_compared_thinned(scene, tmp_path: Path, monkeypatch):
+    predict_scene(FakeModel(), scene, tmp_path / "fine")
+    monkeypatch.setattr(fusing, "LONGEST_SIDE", 43)
+    predict_scene(FakeModel(), scene, tmp_path / "thinned")
+    fine, thinned = maps_of(tmp_path / "fine"), maps_of(tmp_path / "thinned")
+    for name in NAMES:
+        near, own = fine[f"depth/{name}"].astype(float), fine[f"own/depth/{name}"]
+        far = thinned[f"depth/{name}"].astype(float)
+        assert (far != own).any()
+        assert np.quantile(np.abs(far / near - 1), 0.95) < 0.02
+
+
+def test_float_depth_is_corrected_too_and_its_own_is_kept(scene, tmp_path: Path):
+    out = tmp_path / "out"
+    predict_scene(FakeModel(), scene, out, save_npz=True)
+    for folder in (out, out / "own"):
+        with np.load(folder / "depth" / "0001.npz") as stored:
+            metres = stored["depth"]
+        assert metres.dtype == np.float32
+        np.testing.assert_allclose(1000 * metres, read(folder / "depth" / "0001.png"), atol=0.51)
+
+
+def test_depth_beyond_what_a_png_holds_says_nothing_and_stays(scene, tmp_path: Path):
+    predict_scene(FarModel(), scene, tmp_path / "out", depth_range=(0.1, 200.0), save_npz=True)
+    maps = maps_of(tmp_path / "out")
+    for name in NAMES:
+        np.testing.assert_array_equal(maps[f"depth/{name}"], maps[f"own/depth/{name}"])
+
+
+class FarModel(FakeModel):
+    """Sees everything 100 m away."""
+
+    def decode(self, *arguments: Any, **options: Any) -> Prediction:
+        prediction = super().decode(*arguments, **options)
+        assert prediction.depth is not None
+        return replace(prediction, depth=torch.full_like(prediction.depth, 100.0))
 
 
 def test_a_folder_is_either_fused_or_not(scene, tmp_path: Path):
     predict_scene(FakeModel(), scene, tmp_path / "out", fuse=False)
-    with pytest.raises(InputError, match=r"differ in --alone.*--overwrite"):
+    with pytest.raises(InputError, match=r"--alone was chosen otherwise.*--overwrite"):
         predict_scene(FakeModel(), scene, tmp_path / "out")
     predict_scene(FakeModel(), scene, tmp_path / "out", overwrite=True)
     assert (tmp_path / "out" / "own" / "depth" / "0003.png").is_file()
+    predict_scene(FakeModel(), scene, tmp_path / "out", fuse=False, overwrite=True)
+    assert not (tmp_path / "out" / "own" / "depth" / "0003.png").exists()

@@ -58,7 +58,7 @@ def test_every_promised_file_is_written(scene, out: Path):
     names = ["0000", "0001", "0002", "0003"]
     patterns = ["color/{}.jpg", "depth/{}.png", "depth/{}.npz", "confidence/{}.png"]
     patterns += ["labels/{}.png", "preview/{}.jpg", "own/depth/{}.png", "own/confidence/{}.png"]
-    patterns += ["own/labels/{}.png"]
+    patterns += ["own/labels/{}.png", "own/depth/{}.npz"]
     wanted = {pattern.format(name) for pattern in patterns for name in names}
     wanted |= {"transforms.json", "classes.json", "metrics.json", "run.json"}
     assert set(files_of(out)) == wanted

@@ -1,5 +1,6 @@
 """Predicted maps made better by those of neighbouring photos, in memory or in an output folder."""
 
+import logging
 from collections.abc import Sequence
 
 from mvsam.data.labels import ClassTable
@@ -8,14 +9,18 @@ from mvsam.reconstruction.fusion import PhotoMaps, corrections
 from mvsam.reconstruction.thinning import ThinnedCamera, thin
 from mvsam.types import Frame
 
+log = logging.getLogger("mvsam")
+
 LONGEST_SIDE = 320
-"""Pixels; maps are compared at no more. One and its correction take 1 MB of memory."""
+"""Pixels; maps are compared at no more. Those of a photo and their correction take 2 MB."""
+FARTHEST_IN_PNG = 65.5
+"""Metres; what a depth PNG holds beyond may be farther than it says."""
 
 
 def fuse_predictions(
     frames: Sequence[Frame], predictions: Sequence[PhotoPrediction]
 ) -> list[PhotoPrediction]:
-    """Predictions of photos of one scene; the maps of each heed the others.
+    """Predictions of photos of one scene, whose maps correct each other.
 
     As they are where the model gives no depth, or no confidence to weigh it by.
     """
@@ -29,30 +34,33 @@ def fuse_predictions(
     cameras = [_thinned_camera(frame) for frame in frames]
     thinned = [_thinned(own, camera) for own, camera in zip(maps, cameras, strict=True)]
     return [
-        PhotoPrediction(*correction.applied(own))
-        for own, correction in zip(maps, corrections(cameras, thinned), strict=True)
+        PhotoPrediction(*correction.applied(own, camera))
+        for own, camera, correction in zip(
+            maps, cameras, corrections(cameras, thinned), strict=True
+        )
     ]
 
 
-def fuse_folder(folder: OutputFolder, frames: Sequence[Frame], classes: ClassTable) -> None:
-    """Makes the maps of all photos that are done heed each other.
+def fuse_folder(folder: OutputFolder, frames: Sequence[Frame], classes: ClassTable) -> bool:
+    """Lets the maps of all photos that are done correct each other; False where none can.
 
-    The photos' own stay beside them, so that after a photo was added, or an interruption, the same
-    call ends with the same maps. Does nothing where the model gives no depth or no confidence.
+    The network's own stay in `own/`, so that after a photo was added, or an interruption, the same
+    call ends with the same maps. Photos can where there are two, with depth and confidence.
     """
-    if not {"depth", "confidence"} <= set(folder.kinds):
-        return
     done = [frame for frame in frames if folder.is_done(frame.name)]
-    if len(done) < 2:
-        return
+    if len(done) < 2 or not {"own_depth", "own_confidence"} <= set(folder.kinds):
+        return False
+    log.info("the maps of %d photos correct each other", len(done))
     cameras = [_thinned_camera(frame) for frame in done]
     thinned = [
-        _thinned(folder.maps(frame.name, own=True), camera)
+        _thinned(folder.own_maps(frame.name), camera)
         for frame, camera in zip(done, cameras, strict=True)
     ]
-    for frame, correction in zip(done, corrections(cameras, thinned), strict=True):
-        better = correction.applied(folder.maps(frame.name, own=True))
-        folder.write_better(frame.name, better, classes)
+    found = corrections(cameras, thinned)
+    for frame, camera, correction in zip(done, cameras, found, strict=True):
+        better = correction.applied(folder.own_maps(frame.name), camera)
+        folder.replace_maps(frame.name, better, classes)
+    return True
 
 
 def _thinned_camera(frame: Frame) -> ThinnedCamera:
@@ -61,4 +69,6 @@ def _thinned_camera(frame: Frame) -> ThinnedCamera:
 
 def _thinned(own: PhotoMaps, camera: ThinnedCamera) -> PhotoMaps:
     labels = None if own.labels is None else camera.thinned(own.labels)
-    return PhotoMaps(camera.thinned(own.depth), camera.thinned(own.confidence), labels)
+    depth = camera.thinned(own.depth)
+    depth[depth > FARTHEST_IN_PNG] = 0
+    return PhotoMaps(depth, camera.thinned(own.confidence), labels)

@@ -35,6 +35,7 @@ FILES = {
     "confidence": "confidence/{}.png",
     "labels": "labels/{}.png",
     "own_depth": "own/depth/{}.png",
+    "own_depth_float": "own/depth/{}.npz",
     "own_confidence": "own/confidence/{}.png",
     "own_labels": "own/labels/{}.png",
     "preview": "preview/{}.jpg",
@@ -42,8 +43,9 @@ FILES = {
 """Kind of map -> its file; the preview comes last and is written last."""
 _FOLDERS = sorted({Path(pattern).parts[0] for pattern in FILES.values()})
 
-_OWN = {"depth": "own_depth", "confidence": "own_confidence", "labels": "own_labels"}
-"""Kind of map that other photos may correct -> the kind of file that keeps it as it was."""
+_OWN = {kind: f"own_{kind}" for kind in ("depth", "depth_float", "confidence", "labels")}
+"""Kind of map that neighbours correct -> the kind of file that keeps what the network said."""
+_MAP_OF = {own: kind for kind, own in _OWN.items()}
 
 INDEX_FILES = ("transforms.json", "classes.json", "metrics.json")
 
@@ -70,8 +72,11 @@ class PhotoPrediction:
     labels: UInt8[np.ndarray, "height width"] | None
     """0..K-1."""
 
-    def kinds(self, save_npz: bool) -> list[str]:
-        """The kinds of files that hold it, keys of `FILES`."""
+    def kinds(self, save_npz: bool, fuse: bool) -> list[str]:
+        """The kinds of files that hold it, keys of `FILES`.
+
+        fuse: whether neighbours are to correct its maps, so that it takes files for its own too.
+        """
         present = {
             "color": True,
             "depth": self.depth is not None,
@@ -80,6 +85,8 @@ class PhotoPrediction:
             "labels": self.labels is not None,
             "preview": True,
         }
+        if fuse and present["depth"] and present["confidence"]:
+            present |= {own: present[kind] for kind, own in _OWN.items()}
         return [kind for kind in FILES if present.get(kind, False)]
 
 
@@ -138,6 +145,12 @@ class OutputFolder:
                     "choose another --out."
                 )
 
+    def add_float_depth(self) -> None:
+        """From now on photos have it, where they have depth; those without it are not done."""
+        for kind in ("depth", "own_depth"):
+            if kind in self.kinds and f"{kind}_float" not in self.kinds:
+                self.kinds = [*self.kinds, f"{kind}_float"]
+
     def write_photo(
         self,
         name: str,
@@ -145,38 +158,35 @@ class OutputFolder:
         prediction: PhotoPrediction,
         classes: ClassTable,
     ) -> None:
-        """Writes the maps of one photo, the preview last; what was kept of earlier ones goes."""
-        for kind in _OWN.values():
-            self.file(kind, name).unlink(missing_ok=True)
+        """Writes the maps of one photo, the preview last."""
         self._write(self.kinds, name, image, prediction, classes)
 
-    def maps(self, name: str, own: bool = False) -> PhotoMaps:
-        """Of one photo that is done; depth in steps of a millimetre.
+    def maps(self, name: str) -> PhotoMaps:
+        """Of one photo that is done, of a model with depth and confidence."""
+        return self._read_maps(name, {kind: kind for kind in _OWN})
 
-        own: what the model said of it, whatever was written since.
-        """
+    def own_maps(self, name: str) -> PhotoMaps:
+        """What the network said of it, whatever its neighbours made of that."""
+        return self._read_maps(name, _OWN)
 
+    def _read_maps(self, name: str, kinds: dict[str, str]) -> PhotoMaps:
         def read(kind: str) -> np.ndarray:
-            path, kept = self.file(kind, name), self.file(_OWN[kind], name)
-            with Image.open(kept if own and kept.is_file() else path) as picture:
+            with Image.open(self.file(kinds[kind], name)) as picture:
                 return np.asarray(picture)
 
-        return PhotoMaps(
-            from_millimetres(read("depth")),
-            read("confidence") / np.float32(255),
-            read("labels") if "labels" in self.kinds else None,
-        )
+        if kinds["depth_float"] in self.kinds:
+            with np.load(self.file(kinds["depth_float"], name)) as stored:
+                depth = stored["depth"]
+        else:
+            depth = from_millimetres(read("depth"))
+        labels = read("labels") if "labels" in self.kinds else None
+        return PhotoMaps(depth, read("confidence") / np.float32(255), labels)
 
-    def write_better(self, name: str, better: PhotoMaps, classes: ClassTable) -> None:
-        """Replaces the maps of one photo; its own are kept apart first."""
-        for kind, own in _OWN.items():
-            kept = self.file(own, name)
-            if kind in self.kinds and not kept.is_file():
-                content = self.file(kind, name).read_bytes()
-                write_whole(kept, lambda file, content=content: file.write(content))
+    def replace_maps(self, name: str, better: PhotoMaps, classes: ClassTable) -> None:
+        """Writes what neighbours made of one photo's maps; those in `own/` stay."""
         photo = load_photo(self.file("color", name))
-        changed = [kind for kind in self.kinds if kind != "color"]
-        self._write(changed, name, photo, PhotoPrediction(*better), classes)
+        kinds = [kind for kind in self.kinds if kind in (*_OWN, "preview")]
+        self._write(kinds, name, photo, PhotoPrediction(*better), classes)
 
     def write_index(self, frames: Iterable[Frame], classes: ClassTable) -> None:
         """Writes `transforms.json`, which lists every photo that is done, and `classes.json`.
@@ -239,13 +249,13 @@ class OutputFolder:
             "preview": lambda: preview(image, prediction.depth, prediction.labels, classes),
         }
         for kind in kinds:
-            if kind == "depth_float":
-                self._write_npz(name, _given(prediction.depth))
+            path, what = self.file(kind, name), _MAP_OF.get(kind, kind)
+            if what == "depth_float":
+                self._write_npz(path, _given(prediction.depth))
             else:
-                self._write_picture(self.file(kind, name), pictures[kind]())
+                self._write_picture(path, pictures[what]())
 
-    def _write_npz(self, name: str, depth: np.ndarray) -> None:
-        path = self.file("depth_float", name)
+    def _write_npz(self, path: Path, depth: np.ndarray) -> None:
         write_whole(path, lambda file: np.savez_compressed(file, depth=depth))
 
     def _write_picture(self, path: Path, picture: Image.Image) -> None:

@@ -22,12 +22,14 @@ IDENTITY = (
     *("depth_range", "size", "tuples_hash", "precision", "fuse"),
 )
 """Keys in which two runs must agree to share a folder."""
+_OF_EARLIER_VERSIONS = {"fuse": False}
+"""What runs did that do not say."""
 _DIFFERENCES = {
     "cameras_hash": "of other cameras",
     "weights_hash": "of other weights",
     "values_hash": "of other weights, or of an earlier version of mvsam",
     "size": "with another --size, or by an earlier version of mvsam",
-    "fuse": "that differ in --alone, or of an earlier version of mvsam",
+    "fuse": "for which --alone was chosen otherwise",
     "tuples_hash": "made from other view tuples (--tuples, or the scene's views.txt)",
 }
 
@@ -66,11 +68,13 @@ def describe_run(
 
 def is_same_run(now: dict[str, Any], before: dict[str, Any]) -> bool:
     """Whether two runs may share a folder."""
+    before = _OF_EARLIER_VERSIONS | before
     return all(before.get(key) == now[key] for key in IDENTITY)
 
 
 def check_same_run(now: dict[str, Any], before: dict[str, Any], folder: Path) -> None:
     """Raises `InputError` where a folder holds predictions of another model, scene or setting."""
+    before = _OF_EARLIER_VERSIONS | before
     for key in IDENTITY:
         if before.get(key) != now[key]:
             with_another = _DIFFERENCES.get(key, f"with {key} {before.get(key)}, not {now[key]}")

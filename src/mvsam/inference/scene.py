@@ -34,6 +34,7 @@ from mvsam.inference.record import (
     describe_cost,
     describe_run,
     is_same_run,
+    peak_memory_mb,
 )
 from mvsam.inference.scoring import score_folder
 from mvsam.inference.session import Session
@@ -91,8 +92,8 @@ def predict_scene(
     `size` is the (width, height) at which the network sees photos; None: `model.input_size`.
     `max_memory` are the bytes this process may come to hold where the model is (RAM or GPU); with
     less, fewer photos are remembered, so it takes longer. It is an estimate (`limits.count_needs`),
-    not a guarantee. With `fuse` the maps of all photos in the folder heed each
-    other in the end (`fusing.py`), in a megabyte of RAM a photo. `arguments` are recorded
+    not a guarantee. With `fuse` the maps of all photos in the folder correct each
+    other in the end (`fusing.py`), in two megabytes of RAM a photo. `arguments` are recorded
     in `run.json` as they are.
     `on_photo(done, total, name)` is called after each photo.
 
@@ -243,14 +244,16 @@ class _Work:
         if run is None or run.get("is_fused"):
             return
         with self.session.stopwatch("fuse"):
-            fuse_folder(self.folder, self.frames, self.classes)
+            if not fuse_folder(self.folder, self.frames, self.classes):
+                return
         taken = round(self.session.stopwatch.seconds["fuse"], 3)
-        seconds = run.get("seconds", {}) | {"fuse": taken}
-        write_json(self.folder.path / "run.json", run | {"seconds": seconds, "is_fused": True})
+        run["seconds"] = run.get("seconds", {}) | {"fuse": taken}
+        run |= {"peak_memory_mb": peak_memory_mb(), "is_fused": True}
+        write_json(self.folder.path / "run.json", run)
 
     def _write(self, frame: Frame, prediction: PhotoPrediction) -> None:
         if not self.folder.kinds:
-            self.folder.kinds = prediction.kinds(self.save_npz)
+            self.folder.kinds = prediction.kinds(self.save_npz, self.run["fuse"])
         if not self.written:
             # Before the first map, so that a later run knows whose maps these are.
             self._write_run({})
@@ -319,5 +322,5 @@ def _prepare(
         folder.remove([frame.name for frame in references])
     else:
         folder.remove_all()
-    if save_npz and "depth" in folder.kinds and "depth_float" not in folder.kinds:
-        folder.kinds = [*folder.kinds, "depth_float"]
+    if save_npz:
+        folder.add_float_depth()

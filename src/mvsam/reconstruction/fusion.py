@@ -4,17 +4,17 @@ They are estimated from every photo and its own few sources; what neighbours est
 is a second opinion on the same surfaces. What it is worth: docs/log.md, 2026-11-29.
 """
 
+import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
-from PIL import Image
 
-from mvsam.geometry.depth_map import to_millimetres
 from mvsam.geometry.warp import MINIMUM_Z
 from mvsam.reconstruction.filtering import Camera, few_points, neighbours
+from mvsam.reconstruction.thinning import ThinnedCamera
 
 NEIGHBOURS = 20
 """Photos whose depth maps are asked for an opinion at most."""
@@ -32,8 +32,12 @@ STEEPEST = 0.05
 """Change of the logarithm of depth from pixel to pixel; where it is larger a surface ends."""
 OWN_VOTE = 1.5
 """Votes for the label that a photo gives itself; a neighbour has one at most."""
-REACH = 3
-"""Pixels to each side over which votes and confirmations are gathered: points land irregularly."""
+REACH_OF_CONFIRMATION, REACH_OF_VOTES = 3, 1
+"""Pixels to each side over which they are gathered: points land irregularly."""
+LEAST_SEEN = 1e-3
+"""So few neighbours are nobody."""
+MOST_THREADS = 4
+"""Each takes some 40 MB with 20 classes."""
 
 
 class PhotoMaps(NamedTuple):
@@ -56,14 +60,20 @@ class Correction(NamedTuple):
     """The share of its confidence that a pixel keeps."""
     labels: UInt8[np.ndarray, "height width"] | None
     """Those with most votes."""
+    is_outvoted: Bool[np.ndarray, "height width"] | None
+    """Where they are not the photo's own."""
 
-    def applied(self, own: PhotoMaps) -> PhotoMaps:
-        """The better maps, at the size of the photo's own, which may be larger."""
+    def applied(self, own: PhotoMaps, camera: ThinnedCamera) -> PhotoMaps:
+        """The better maps, at the photo's size. camera: how the corrected maps were thinned."""
         size = own.depth.shape[::-1]
+        labels = own.labels
+        if labels is not None and self.labels is not None and self.is_outvoted is not None:
+            is_changed = camera.enlarged(self.is_outvoted.astype(np.float32), size) >= 0.5
+            labels = np.where(is_changed, _enlarged_labels(self.labels, camera, size), labels)
         return PhotoMaps(
-            own.depth * np.exp(_enlarged(self.log_ratio, size)),
-            own.confidence * _enlarged(self.certainty, size),
-            None if self.labels is None else _enlarged_labels(self.labels, size),
+            own.depth * np.exp(camera.enlarged(self.log_ratio, size)),
+            own.confidence * camera.enlarged(self.certainty, size),
+            labels,
         )
 
 
@@ -88,7 +98,7 @@ def corrections(cameras: Sequence[Camera], maps: Sequence[PhotoMaps]) -> list[Co
     for turn in range(ROUNDS):
         if turn < ROUNDS - 1:  # one vote is enough
             believed = [own._replace(labels=None) for own in believed]
-        with ThreadPoolExecutor() as pool:
+        with ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1)) as pool:
             found = list(pool.map(second_opinion, range(len(maps))))
         total = [sum_ + each.log_ratio for sum_, each in zip(total, found, strict=True)]
         believed = [
@@ -180,52 +190,65 @@ def correction(own: PhotoMaps, opinions: Iterable[Opinion]) -> Correction:
             ballot.add(other.labels, nearness)
         seen += other.is_seen
         confirmed += other.is_seen * np.exp(-distance / AGREES)
-    seen, confirmed = _gathered(np.stack([seen, confirmed]))
-    share = np.where(seen > 0.5, confirmed / np.maximum(seen, 0.5), 1)
+    seen, confirmed = _gathered(np.stack([seen, confirmed]), REACH_OF_CONFIRMATION)
+    share = np.where(seen > LEAST_SEEN, confirmed / np.maximum(seen, LEAST_SEEN), 1)
     labels = None if ballot is None else ballot.winners()
-    return Correction(moment / total, UNCONFIRMED + (1 - UNCONFIRMED) * share, labels)
+    is_outvoted = None if labels is None or own.labels is None else labels != own.labels
+    certainty = UNCONFIRMED + (1 - UNCONFIRMED) * share
+    return Correction(moment / total, certainty, labels, is_outvoted)
 
 
 class _Ballot:
     """Votes for the label of every pixel."""
 
     def __init__(self, own: UInt8[np.ndarray, "height width"]):
-        self.size = own.shape
+        self.own = own
         self._pixels = np.arange(own.size)
-        self._votes = np.zeros((1, own.size), np.float32)
-        self.add(own, np.full(self.size, OWN_VOTE, np.float32))
+        self._votes = np.zeros((int(own.max()) + 1, own.size), np.float32)
 
     def add(
         self,
         labels: UInt8[np.ndarray, "height width"],
         weight: Float32[np.ndarray, "height width"],
     ) -> None:
-        lacking = max(int(labels.max()) + 1 - len(self._votes), 0)
-        self._votes = np.pad(self._votes, ((0, lacking), (0, 0)))
+        lacking = int(labels.max()) + 1 - len(self._votes)
+        if lacking > 0:
+            self._votes = np.pad(self._votes, ((0, lacking), (0, 0)))
         self._votes[labels.ravel(), self._pixels] += weight.ravel()
 
     def winners(self) -> UInt8[np.ndarray, "height width"]:
-        votes = _gathered(self._votes.reshape(-1, *self.size))
+        """Neighbours' votes are means over the pixels around; one for itself is its own alone."""
+        votes = _gathered(self._votes.reshape(-1, *self.own.shape), REACH_OF_VOTES)
+        votes.reshape(len(votes), -1)[self.own.ravel(), self._pixels] += OWN_VOTE
         return votes.argmax(axis=0).astype(np.uint8)
 
 
 def _gathered(
-    maps: Float32[np.ndarray, "map height width"],
+    maps: Float32[np.ndarray, "map height width"], reach: int
 ) -> Float32[np.ndarray, "map height width"]:
-    """Sums over a square around each pixel, as much of it as lies in the picture."""
+    """Means over a square around each pixel, as much of it as lies in the picture."""
     for axis in (1, 2):
         size = maps.shape[axis]
         padding = [(0, 0)] * 3
-        padding[axis] = (REACH + 1, REACH)
+        padding[axis] = (reach + 1, reach)
         sums = np.pad(maps, padding).cumsum(axis=axis)
-        last, first = np.arange(size) + 2 * REACH + 1, np.arange(size)
-        maps = sums.take(last, axis=axis) - sums.take(first, axis=axis)
+        first = np.arange(size)
+        maps = sums.take(first + 2 * reach + 1, axis=axis) - sums.take(first, axis=axis)
+        shape = [1] * 3
+        shape[axis] = size
+        first, last = np.maximum(first - reach, 0), np.minimum(first + reach, size - 1)
+        maps /= (last - first + 1).reshape(shape).astype(np.float32)
     return maps
 
 
 def _nearest_last(depth: Float32[np.ndarray, " point"]) -> Int[np.ndarray, " point"]:
-    """Order by millimetres, which NumPy sorts six times as fast as metres."""
-    return np.argsort(~to_millimetres(depth), kind="stable")
+    """Order by 16 bits of the logarithm of depth, which NumPy sorts six times as fast."""
+    if not len(depth):
+        return np.zeros(0, np.int64)
+    nearness = -np.log(depth)
+    least, most = nearness.min(), nearness.max()
+    scale = np.float32(65535) / max(most - least, np.float32(1e-6))
+    return np.argsort(((nearness - least) * scale).astype(np.uint16), kind="stable")
 
 
 def _slope(
@@ -250,24 +273,15 @@ def _seen_by(
     return tuple(depth * (a * column + b * row + c) + d for a, b, c, d in rows)
 
 
-def _enlarged(
-    values: Float32[np.ndarray, "_ _"], size: tuple[int, int]
-) -> Float32[np.ndarray, "height width"]:
-    """Bilinear at (width, height)."""
-    if values.shape == size[::-1]:
-        return values
-    return np.asarray(Image.fromarray(values).resize(size, Image.Resampling.BILINEAR))
-
-
 def _enlarged_labels(
-    labels: UInt8[np.ndarray, "_ _"], size: tuple[int, int]
+    labels: UInt8[np.ndarray, "_ _"], camera: ThinnedCamera, size: tuple[int, int]
 ) -> UInt8[np.ndarray, "height width"]:
-    """At (width, height), whose borders run between pixels instead of around them."""
-    if labels.shape == size[::-1]:
+    """At (width, height), with borders that run between thinned pixels instead of around them."""
+    if camera.step == 1:
         return labels
     best, winner = np.zeros(size[::-1], np.float32), np.zeros(size[::-1], np.uint8)
     for label in np.unique(labels):
-        share = _enlarged((labels == label).astype(np.float32), size)
+        share = camera.enlarged((labels == label).astype(np.float32), size)
         winner[share > best] = label
         best = np.maximum(best, share)
     return winner
