@@ -1,4 +1,4 @@
-r"""What photos gain from heeding each other: `mvsam predict` with and without `--alone`.
+r"""What photos gain from correcting each other: `mvsam predict` with and without `--alone`.
 
     python benchmarks/fused.py DATA/redkitchen_a DATA/tum_fr3_cabinet --poses refined
     python benchmarks/fused.py rooms:val:0-24 --out results/fused_rooms.json

@@ -3,7 +3,7 @@
     python benchmarks/rooms.py tiny --data rooms:val --limit 100 --out results/rooms_val.json
 
 Rooms are photographed at 320x256, or at the size of `--photos`; the network sees them at that of
-`--size`; scores stay at 320x256. With `--fuse` every view of a tuple is predicted, and all heed
+`--size`; scores stay at 320x256. With `--fuse` every view of a tuple is predicted, and all correct
 each other, as in `mvsam.predict`; that of the reference is scored.
 The constants are the median depth and the most frequent label of the very tuples that are scored:
 the best that an answer without looking can do.
@@ -52,8 +52,8 @@ class Tuples:
         return (self.read(index) for index in self.indices)
 
 
-class Heeding:
-    """A model whose predictions of all views of a tuple heed each other; says those of view 0."""
+class Corrected:
+    """A model whose predictions of a tuple's views correct each other; says those of view 0."""
 
     def __init__(self, model: Model):
         self.model = model
@@ -102,7 +102,7 @@ def main() -> None:
         "--size", type=int, nargs=2, default=(320, 256), help="for the network, as mvsam predict"
     )
     parser.add_argument(
-        "--fuse", action="store_true", help="views heed each other, as mvsam predict"
+        "--fuse", action="store_true", help="views correct each other, as mvsam predict"
     )
     parser.add_argument("--out", type=Path, help="JSON file to write")
     arguments = parser.parse_args()
@@ -127,7 +127,7 @@ def main() -> None:
     for name, model in models.items():
         size = tuple(arguments.size)
         seen = samples if size == protocol.size else samples_at(size)
-        answer = Heeding(model.eval()) if arguments.fuse else model
+        answer = Corrected(model.eval()) if arguments.fuse else model
         scores[name] = evaluate(answer, seen, protocol, precision="auto")
     totals = {
         name: {k: v for k, v in result.as_json().items() if k != "scenes"}

@@ -42,7 +42,7 @@ def assert_same(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> 
         np.testing.assert_array_equal(values, second[name], err_msg=name)
 
 
-def test_depth_heeds_the_other_photos_and_the_own_maps_stay(scene, tmp_path: Path):
+def test_photos_correct_each_other_and_their_own_maps_stay(scene, tmp_path: Path):
     predict_scene(FakeModel(), scene, tmp_path / "alone", fuse=False)
     predict_scene(FakeModel(), scene, tmp_path / "fused")
     assert not (tmp_path / "alone" / "own").exists()
@@ -54,6 +54,32 @@ def test_depth_heeds_the_other_photos_and_the_own_maps_stay(scene, tmp_path: Pat
             assert (fused[f"{kind}/{name}"] != alone).any()
     run = json.loads((tmp_path / "fused" / "run.json").read_text())
     assert run["is_fused"] and run["seconds"]["fuse"] > 0
+
+
+def test_mistakes_of_one_photo_are_corrected(scene, tmp_path: Path):
+    predict_scene(MistakenModel(), scene, tmp_path / "out")
+    for index, name in enumerate(NAMES):
+        truth = scene.frame(index).depth
+        own, fused = (
+            np.abs(read(tmp_path / "out" / kind / f"{name}.png") / 1000 / truth - 1).mean()
+            for kind in ("own/depth", "depth")
+        )
+        assert fused < 0.7 * own
+    labels = [read(tmp_path / "out" / kind / "0001.png") for kind in ("own/labels", "labels")]
+    assert (labels[0] == 2).all() and (labels[1] == 2).mean() < 0.6
+
+
+class MistakenModel(FakeModel):
+    """Every other depth map is too near, the others too far; the second photo's label is wrong."""
+
+    def decode(self, *arguments: Any, **options: Any) -> Prediction:
+        prediction = super().decode(*arguments, **options)
+        assert prediction.depth is not None and prediction.logits is not None
+        is_odd = len(self.decoded) % 2
+        logits = prediction.logits.clone()
+        if len(self.decoded) == 2:
+            logits[:, 2] = 100
+        return replace(prediction, depth=prediction.depth * (0.96, 1.04)[is_odd], logits=logits)
 
 
 def test_photos_that_come_later_change_the_earlier_ones_as_if_all_came_at_once(

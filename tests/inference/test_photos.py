@@ -41,13 +41,13 @@ def test_results_have_the_size_of_their_photo():
     np.testing.assert_allclose(cut.confidence, 0.75)
 
 
-def test_the_depth_of_several_references_heeds_the_others():
+def test_several_references_correct_each_other():
     alone = predict(FakeModel(reads_depth=False), *photos(3), fuse=False)
     together = predict(FakeModel(reads_depth=False), *photos(3))
     (one,) = predict(FakeModel(reads_depth=False), *photos(3), references=[0])
     first, fused = alone[0], together[0]
     assert first.depth is not None and fused.depth is not None and one.depth is not None
-    np.testing.assert_array_equal(one.depth, first.depth)  # nobody to heed
+    np.testing.assert_array_equal(one.depth, first.depth)  # nobody to correct it
     assert fused.depth.dtype == np.float32 and (fused.depth != first.depth).any()
 
 

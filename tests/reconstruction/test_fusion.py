@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from mvsam.reconstruction import fusion
+from mvsam.reconstruction.filtering import back_project, project
 from mvsam.reconstruction.fusion import (
     UNCONFIRMED,
     Correction,
@@ -54,6 +55,24 @@ def test_true_depths_agree():
     assert heard.is_seen.mean() > 0.5
     assert np.quantile(np.abs(heard.log_ratio[heard.is_seen]), 0.9) < 2e-3
     assert (heard.confidence[heard.is_seen] == 0.5).all()
+
+
+def test_an_opinion_is_what_a_loop_over_points_says():
+    first, second = synthetic_views(2)
+    own = sure(1.02 * first.depth, 0.5)
+    heard = said(own, Camera(first), Camera(second), second.depth)
+    pixels, depth = project(Camera(second), back_project(Camera(first), own.depth))
+    nearest: dict[tuple[int, int], float] = {}
+    for (x, y), z in zip(pixels.reshape(-1, 2), depth.ravel(), strict=True):
+        if 0 <= x < 64 and 0 <= y < 48:
+            place = (int(y), int(x))
+            nearest[place] = min(z, nearest.get(place, np.inf))
+    assert heard.is_seen.sum() == len(nearest) > 1000
+    for place, z in nearest.items():
+        there = np.log(z / second.depth[place])
+        # The depth that it is compared with is that where the point lands, half a pixel off.
+        assert heard.log_ratio[place] == pytest.approx(there, abs=0.04)
+        assert heard.confidence[place] == 0.5
 
 
 def test_a_mistake_is_seen_from_elsewhere():

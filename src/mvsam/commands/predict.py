@@ -83,7 +83,8 @@ class Predict:
     max_memory: float | None = None
     """GB (10^9 bytes) of RAM, on a GPU of its memory, to stay within: fewer encoded photos are then
     remembered, which takes longer and changes no result. An estimate from the shapes of all tensors
-    in float32, not a guarantee: what libraries take for themselves is not in it."""
+    in float32, not a guarantee: what libraries take for themselves is not in it, nor the 2 MB a
+    photo in the end, when photos correct each other."""
     feature_cache: Path | None = None
     """Folder that keeps the features of SAM's encoder between runs, 2.1 MB a photo for base."""
 

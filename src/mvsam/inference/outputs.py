@@ -2,9 +2,9 @@
 
 One photo's maps, NAME being the photo's: `color/NAME.jpg`, `depth/NAME.png` (16-bit millimetres,
 0 = unknown), `depth/NAME.npz` (float32 metres under "depth"), `confidence/NAME.png` (8-bit, 255 =
-1), `labels/NAME.png` (palette, 255 = unlabelled), `preview/NAME.jpg`. Where maps heed other
-photos (`fusing.py`), `own/depth/NAME.png`, `own/confidence/NAME.png` and `own/labels/NAME.png` are
-what the model said of this one.
+1), `labels/NAME.png` (palette, 255 = unlabelled), `preview/NAME.jpg`. Where photos correct
+each other (`fusing.py`), `own/depth/NAME.png`, `own/depth/NAME.npz`, `own/confidence/NAME.png` and
+`own/labels/NAME.png` are what the network said of this one.
 """
 
 import json

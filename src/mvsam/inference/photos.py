@@ -58,8 +58,8 @@ def predict(
     default. Each reference is seen together with all other photos. `precision` auto takes bfloat16
     where the processor or the GPU multiplies it natively. `size` is the (width, height) at which
     the network sees the photos, multiples of 32; None: `model.input_size`. `tiny` finds finer depth
-    with (480, 384) where cameras are right and photos as large. With `fuse` the maps of each
-    reference heed those of the others, which takes a tenth of the time.
+    with (480, 384) where cameras are right and photos as large. With `fuse` the maps of the
+    references correct each other, which takes a tenth of the time.
 
     Returns one `PhotoPrediction` a reference: `depth` H x W float32 metres, `confidence` H x W
     float32 in 0..1, `labels` H x W uint8; None for what the model does not predict. Warns in the

@@ -32,8 +32,8 @@ STEEPEST = 0.05
 """Change of the logarithm of depth from pixel to pixel; where it is larger a surface ends."""
 OWN_VOTE = 1.5
 """Votes for the label that a photo gives itself; a neighbour has one at most."""
-REACH_OF_CONFIRMATION, REACH_OF_VOTES = 3, 1
-"""Pixels to each side over which they are gathered: points land irregularly."""
+REACH = 3
+"""Pixels to each side over which confirmations and votes are gathered: points land irregularly."""
 LEAST_SEEN = 1e-3
 """So few neighbours are nobody."""
 MOST_THREADS = 4
@@ -190,7 +190,7 @@ def correction(own: PhotoMaps, opinions: Iterable[Opinion]) -> Correction:
             ballot.add(other.labels, nearness)
         seen += other.is_seen
         confirmed += other.is_seen * np.exp(-distance / AGREES)
-    seen, confirmed = _gathered(np.stack([seen, confirmed]), REACH_OF_CONFIRMATION)
+    seen, confirmed = _gathered(np.stack([seen, confirmed]))
     share = np.where(seen > LEAST_SEEN, confirmed / np.maximum(seen, LEAST_SEEN), 1)
     labels = None if ballot is None else ballot.winners()
     is_outvoted = None if labels is None or own.labels is None else labels != own.labels
@@ -217,26 +217,32 @@ class _Ballot:
         self._votes[labels.ravel(), self._pixels] += weight.ravel()
 
     def winners(self) -> UInt8[np.ndarray, "height width"]:
-        """Neighbours' votes are means over the pixels around; one for itself is its own alone."""
-        votes = _gathered(self._votes.reshape(-1, *self.own.shape), REACH_OF_VOTES)
+        """By the neighbours' votes for the pixels around, and the photo's for its own.
+
+        What most of them see in the very pixel as the photo does stays, be it as thin as a line.
+        """
+        votes = _gathered(self._votes.reshape(-1, *self.own.shape))
         votes.reshape(len(votes), -1)[self.own.ravel(), self._pixels] += OWN_VOTE
-        return votes.argmax(axis=0).astype(np.uint8)
+        for_own = self._votes[self.own.ravel(), self._pixels]
+        is_confirmed = (for_own > 0) & (for_own >= self._votes.max(axis=0))
+        winners = votes.argmax(axis=0).astype(np.uint8)
+        return np.where(is_confirmed.reshape(self.own.shape), self.own, winners)
 
 
 def _gathered(
-    maps: Float32[np.ndarray, "map height width"], reach: int
+    maps: Float32[np.ndarray, "map height width"],
 ) -> Float32[np.ndarray, "map height width"]:
     """Means over a square around each pixel, as much of it as lies in the picture."""
     for axis in (1, 2):
         size = maps.shape[axis]
         padding = [(0, 0)] * 3
-        padding[axis] = (reach + 1, reach)
+        padding[axis] = (REACH + 1, REACH)
         sums = np.pad(maps, padding).cumsum(axis=axis)
         first = np.arange(size)
-        maps = sums.take(first + 2 * reach + 1, axis=axis) - sums.take(first, axis=axis)
+        maps = sums.take(first + 2 * REACH + 1, axis=axis) - sums.take(first, axis=axis)
         shape = [1] * 3
         shape[axis] = size
-        first, last = np.maximum(first - reach, 0), np.minimum(first + reach, size - 1)
+        first, last = np.maximum(first - REACH, 0), np.minimum(first + REACH, size - 1)
         maps /= (last - first + 1).reshape(shape).astype(np.float32)
     return maps
 
