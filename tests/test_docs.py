@@ -37,11 +37,22 @@ def random_weights(tmp_path_factory) -> Path:
     return path
 
 
+def anchors(page: Path) -> set[str]:
+    """Where links may lead to in a page: its headings as GitHub spells them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 @PAGE
 def test_every_relative_link_leads_to_a_file(page: Path):
     for target in LINK.findall(page.read_text()):
-        if not target.startswith(("http", "#")):
-            assert (page.parent / target.partition("#")[0]).exists(), f"{page.name}: {target}"
+        if target.startswith("http"):
+            continue
+        path, _, anchor = target.partition("#")
+        file = page.parent / path if path else page
+        assert file.exists(), f"{page.name}: {target}"
+        if anchor:
+            assert anchor in anchors(file), f"{page.name}: {target}"
 
 
 def named_code(text: str) -> list[tuple[str, list[str]]]:

@@ -175,9 +175,10 @@ def test_moving_and_turning_the_world_frame_does_not_matter(evaluated, name: str
     assert_same(predict(evaluated(name), moved), predict(evaluated(name), views), 1e-3)
 
 
+@pytest.mark.parametrize("name", ["cas_mvsnet", "tiny"])
 @pytest.mark.parametrize("num_views", range(2, 9))
-def test_any_number_of_views_from_2_to_8(evaluated, num_views: int):
-    prediction = predict(evaluated("cas_mvsnet"), random_views(num_views=num_views))
+def test_any_number_of_views_from_2_to_8(evaluated, name: str, num_views: int):
+    prediction = predict(evaluated(name), random_views(num_views=num_views))
     assert prediction.depth is not None and prediction.depth.isfinite().all()
 
 

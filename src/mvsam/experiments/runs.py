@@ -132,7 +132,7 @@ _RUNS = (
     Experiment(
         name="tiny_context",
         about="Last stage of `tiny`: its context network alone, from first sweeps that stay as "
-        "they are. The shipped one saw kept sweeps, several times each (docs/log.md).",
+        "they are. The shipped one saw kept sweeps, several times (benchmarks/kept_sweeps.py).",
         model=ModelConfig("tiny", init=("tiny",)),
         data=replace(_FULL, train=_KNOWN, pose_noise=(0.003, 0.1), least_pose_noise_share=0.0),
         loss=JointLoss(beta=0.02, stage_weights=(1.0, 0.0, 0.0), plane_weight=0.15),
