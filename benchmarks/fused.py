@@ -23,6 +23,7 @@ from rich.table import Table
 from mvsam.data.catalog import open_data
 from mvsam.data.labels import classes_of_model
 from mvsam.data.transforms import resize_nearest
+from mvsam.errors import InputError
 from mvsam.evaluation.metrics import ConfusionMatrix, DepthMetrics, rel_of_most_confident
 from mvsam.evaluation.protocols import PROTOCOLS
 from mvsam.inference.outputs import OutputFolder
@@ -74,10 +75,14 @@ class Tally:
         return {
             "num_images": self.depth.num_images,
             "rel": self.depth.scores()["rel"],
-            "median": float(np.mean(self.medians)),
-            "rel_of_confident_half": float(np.mean(self.halves)),
+            "median": _mean(self.medians),
+            "rel_of_confident_half": _mean(self.halves),
             "miou": miou,
         }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
 
 
 def measure(
@@ -92,6 +97,8 @@ def measure(
             folder = OutputFolder(Path(out))
             run = folder.read_run()
             assert run is not None
+            if "own_depth" not in folder.kinds:
+                raise InputError("only maps of depth with a confidence correct each other.")
             seconds, photos = seconds + run["seconds"].get("fuse", 0), photos + len(result.written)
             for index in range(len(scene)):
                 frame = scene.frame(index)
