@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32
+from PIL import Image
 
 
 @dataclass(frozen=True)
@@ -30,28 +31,17 @@ class ThinnedCamera:
     def enlarged(
         self, values: Float32[np.ndarray, "_ _"], size: tuple[int, int]
     ) -> Float32[np.ndarray, "height width"]:
-        """Thinned values at the photo's (width, height): bilinear, and there where they belong."""
+        """Thinned values at the photo's (width, height): bilinear, and there where they belong.
+
+        Beyond the outermost kept pixels all is as there.
+        """
         if self.step == 1:
             return values
-        (above, below, share), (left, right, part) = (
-            self._between(count, length)
-            for count, length in zip(values.shape, size[::-1], strict=True)
-        )
-        rows = values[above] * (1 - share)[:, None] + values[below] * share[:, None]
-        return rows[:, left] * (1 - part) + rows[:, right] * part
-
-    def _between(
-        self, count: int, length: int
-    ) -> tuple[Int[np.ndarray, " pixel"], Int[np.ndarray, " pixel"], Float32[np.ndarray, " pixel"]]:
-        """Which two of `count` kept pixels each of `length` lies between, and how near the second.
-
-        Beyond the first and the last kept pixel it is that one.
-        """
-        position = (np.arange(length) - self.step // 2) / self.step
-        position = position.clip(0, count - 1)
-        before = position.astype(np.int64)
-        after = np.minimum(before + 1, count - 1)
-        return before, after, (position - before).astype(np.float32)
+        width, height = size
+        corner = 1.5 - (self.step // 2 + 0.5) / self.step  # the photo's, one pixel of edge around
+        box = (corner, corner, corner + width / self.step, corner + height / self.step)
+        picture = Image.fromarray(np.pad(values, 1, mode="edge"))
+        return np.asarray(picture.resize(size, Image.Resampling.BILINEAR, box))
 
 
 def thin(
