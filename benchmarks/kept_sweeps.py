@@ -3,10 +3,10 @@ r"""Teaches the context network of `tiny` from first sweeps that are computed on
     python benchmarks/kept_sweeps.py keep SWEEPS --steps 600 --data "rooms:train:60000-60300"
     python benchmarks/kept_sweeps.py train SWEEPS --steps 3000 --out runs/kept/model.safetensors
 
-All that comes before the network stays as it is, so a sample costs a fifth of a second of a core
-once, and then a sixteenth each time it is learned from. Both follow the run `tiny_context`. `keep`
-goes on where it stopped, and several may fill one folder (--seed); `train` takes what is there
-while they do.
+All that comes before the network stays as it is, so that a sample's sweep is computed once, and
+learning from it takes a sixteenth of a second of a core (docs/log.md). Both follow the run
+`tiny_context`. `keep` goes on where it stopped, and several may fill one folder (--seed); `train`
+takes what is there while they do.
 """
 
 import argparse
@@ -25,6 +25,7 @@ from tqdm import tqdm
 
 from mvsam.data.streaming.config import DataConfig
 from mvsam.data.streaming.stream import SampleStream, collate_training
+from mvsam.errors import InputError
 from mvsam.experiments.runs import find_run
 from mvsam.loss_terms import depth_at
 from mvsam.model import MultiViewSAM
@@ -148,10 +149,10 @@ def train(folder: Path, init: str, optimizer: OptimizerConfig, seed: int, out: P
     learner = layout_channels_last(model.context).train()
     updates, schedule = make_optimizer(learner, optimizer)
     dice = np.random.default_rng(seed)
-    means = np.zeros(2)
-    began, progress = time.monotonic(), tqdm(range(optimizer.steps), unit="step")
-    for step in progress:
-        paths = sorted(folder.glob("*.safetensors")) if step % 100 == 0 else paths
+    paths, means, began = kept_in(folder), np.zeros(2), time.monotonic()
+    for step in tqdm(range(optimizer.steps), unit="step"):
+        if step % 100 == 0:
+            paths = kept_in(folder)
         kept = Kept(load_file(paths[dice.integers(len(paths))]))
         kept = kept.mirrored() if dice.random() < 0.5 else kept
         depth, views = kept.tensors["depth"], kept.views
@@ -177,6 +178,14 @@ def train(folder: Path, init: str, optimizer: OptimizerConfig, seed: int, out: P
             means[:] = 0
         if (step + 1) % 500 == 0 or step + 1 == optimizer.steps:
             write(model, out, init, step + 1)
+
+
+def kept_in(folder: Path) -> list[Path]:
+    """Files of `keep`; InputError where there is none."""
+    paths = sorted(folder.glob("*.safetensors"))
+    if not paths:
+        raise InputError(f"{folder} holds no sweeps: run `kept_sweeps.py keep {folder}` first.")
+    return paths
 
 
 def opened(name: str) -> MultiViewSAM:

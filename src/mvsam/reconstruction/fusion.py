@@ -10,6 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from mvsam.geometry.warp import MINIMUM_Z
@@ -80,7 +82,8 @@ class Correction(NamedTuple):
 def corrections(cameras: Sequence[Camera], maps: Sequence[PhotoMaps]) -> list[Correction]:
     """Of the maps of one scene, in their order, each photo's by those that see most of it.
 
-    The maps have the cameras' sizes. Where no other photo sees a pixel it stays as it is.
+    The maps have the cameras' sizes. Where no other photo sees a pixel, or those around it, all
+    stays as it is.
     """
     samples = [few_points(camera, own.depth) for camera, own in zip(cameras, maps, strict=True)]
     near = [neighbours(cameras, samples, index, NEIGHBOURS) for index in range(len(maps))]
@@ -233,18 +236,9 @@ def _gathered(
     maps: Float32[np.ndarray, "map height width"],
 ) -> Float32[np.ndarray, "map height width"]:
     """Means over a square around each pixel, as much of it as lies in the picture."""
-    for axis in (1, 2):
-        size = maps.shape[axis]
-        padding = [(0, 0)] * 3
-        padding[axis] = (REACH + 1, REACH)
-        sums = np.pad(maps, padding).cumsum(axis=axis)
-        first = np.arange(size)
-        maps = sums.take(first + 2 * REACH + 1, axis=axis) - sums.take(first, axis=axis)
-        shape = [1] * 3
-        shape[axis] = size
-        first, last = np.maximum(first - REACH, 0), np.minimum(first + REACH, size - 1)
-        maps /= (last - first + 1).reshape(shape).astype(np.float32)
-    return maps
+    side = 2 * REACH + 1
+    means = F.avg_pool2d(torch.from_numpy(maps)[None], side, 1, REACH, count_include_pad=False)
+    return means[0].numpy()
 
 
 def _nearest_last(depth: Float32[np.ndarray, " point"]) -> Int[np.ndarray, " point"]:
@@ -268,7 +262,10 @@ def _slope(
 def _seen_by(
     target: Camera, source: Camera, depth: Float32[np.ndarray, "height width"]
 ) -> tuple[Float32[np.ndarray, "height width"], ...]:
-    """Column times depth, row times depth, and depth of the source's pixels in the target."""
+    """Column times depth, row times depth, and depth of the source's pixels in the target.
+
+    What `filtering.project` says of all of them, in float32 and without their products of matrices.
+    """
     height, width = depth.shape
     column = np.arange(width, dtype=np.float32) + 0.5
     row = np.arange(height, dtype=np.float32)[:, None] + 0.5
